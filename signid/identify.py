@@ -15,7 +15,7 @@ from .estimation.estimators import ESTIMATORS, Estimator, Given
 from .estimation.excitation import ExcitationVerdict, judge_excitation
 from .estimation.fit_quality import Fit, factor_rms, friction_at_rest, judge_fit
 from .estimation.least_squares import estimate, with_spread
-from .estimation.standard import METHODS, Search, choose_in_time
+from .estimation.standard import STANDARD_METHODS, Search, choose_in_time
 from .faults import IdentifiedData, described_evidence, identification_flags, naming_faults, under_found_gravity
 from .model import Model, ModelSource, fitted_model, stated_parameters
 from .recording import Recordings, as_recordings
@@ -23,7 +23,7 @@ from .regression.covariance import base_covariance, measure_misfit
 from .regression.factors import LAGS, Factors, Weigh
 from .regression.lacking import Lack
 from .regression.rows import Rows
-from .regression.session import ITSELF, Options, Session, only_once, prepare, recordings_used
+from .regression.session import SELF_EVALUATION_NOTE, Options, Session, only_once, prepare, recordings_used
 from .robot import as_robot, audit, described_gravity
 from .robot.dynamics import shows_gravity
 from .robot.joints import is_weightless
@@ -33,7 +33,7 @@ from .typed import typed
 from .types import Array, BaseMap, Estimate, Input, Law, Parameters, Progress, Recording, Result, Robot
 
 if TYPE_CHECKING:
-    from .estimation.repeats import Varying
+    from .estimation.repeats import VaryingNumber
     from .simulation.refine import Refinement
 
 HUBER = 1.345  # residual, in standard deviations, beyond which a row counts less
@@ -78,7 +78,7 @@ class Identification(Result):
         return self.refined or self.model
 
     @property
-    def varies(self) -> tuple[Varying, ...]:
+    def varies(self) -> tuple[VaryingNumber, ...]:
         """Numbers that differ between recordings by more than their intervals, which contain this spread."""
         if self.estimate.spread is None:
             return ()
@@ -144,8 +144,8 @@ def identify(
     way = ESTIMATORS[estimator or "wls"] if isinstance(estimator, str | None) else estimator
     options = way.options(options or Options()) if estimator else options or Options()
     search = search or Search()
-    if method is not None and method not in METHODS:
-        raise OptionError(f"method {method!r} is none of {', '.join(METHODS)}")
+    if method is not None and method not in STANDARD_METHODS:
+        raise OptionError(f"method {method!r} is none of {', '.join(STANDARD_METHODS)}")
     recordings = as_recordings(recordings, robot, "identify")
     everything = (*recordings, *held_out)
     only_once(everything)
@@ -168,7 +168,7 @@ def identify(
             raise
         found = repeat(robot, lost[: len(recordings)], held_out=lost[len(recordings) :])
         return _with_currents(found, recordings, held_out, error)
-    method = method or METHODS[-1 if recovered.signs is not None and signs == "tree" else 0]
+    method = method or STANDARD_METHODS[-1 if recovered.signs is not None and signs == "tree" else 0]
     session = recovered.session_to_fit(robot)
     signed = np.all([recording.signed for recording in everything], axis=0)
     evidence = described_evidence(session, signed)
@@ -332,7 +332,7 @@ def _conclude(
         recordings=recovered.session.recordings,
         flags=(*recovered.flags, *found.flags, *excitation.sentences, *_left_out(given, found), *chosen.flags),
         notes=(
-            *(note for note in session.notes if note != ITSELF),
+            *(note for note in session.notes if note != SELF_EVALUATION_NOTE),
             *found.notes,
             *chosen.notes,
             *fit.sentences,
@@ -365,8 +365,8 @@ def _left_out(given: Given, found: Estimate) -> Iterator[str]:
             "the recorded torque carries no weight, so masses are not identifiable: those that inertia does not show "
             "are those of the description; inertia and friction are identified"
         )
-    if ITSELF in given.session.notes:
-        yield ITSELF
+    if SELF_EVALUATION_NOTE in given.session.notes:
+        yield SELF_EVALUATION_NOTE
     joints = zip(given.session.robot.joints, given.factors.joints, strict=True)
     if masked := [name for name, own in joints if own.rows and not own.counts[0]]:
         yield (

@@ -16,8 +16,8 @@ from .effects.base import ActuatorLaw, BodyLaw, RecordingLaw, of_kind
 from .effects.bodies import body_inertia
 from .effects.drive import DriveLaw
 from .effects.law import law_torque
-from .effects.naming import law_at, law_name, law_place, parse_law, possible
-from .effects.packing import MOTOR, drive_laws, motor_friction, packed_drives
+from .effects.naming import check_signs, law_at, law_name, law_place, parse_law
+from .effects.packing import MOTOR_FRICTION, drive_laws, motor_friction, packed_drives
 from .errors import OptionError, RobotError, SignidError, shorten, unexpected
 from .frozen import show_with
 from .regression.covariance import Covariance, Misfit, from_lower_triangle, lower_triangle, read_covariance, read_misfit
@@ -185,7 +185,7 @@ class Model(JointDynamics):
 
 
 def _is_of_drive(law: Law) -> bool:
-    return isinstance(law.effect, DriveLaw) or law.effect.name == MOTOR
+    return isinstance(law.effect, DriveLaw) or law.effect.name == MOTOR_FRICTION
 
 
 ModelSource = Model | Robot | str | Path  # a model, or what `load_model` reads
@@ -289,7 +289,7 @@ def with_servos(model: Model, servos: Mapping[str, Servo], complete: bool = Fals
     ]
     laws = [*kept, *(law for j, servo in sorted(at.items()) for law in drive_laws(servo, j))]
     whole = packed_drives(laws)
-    laws = [motor_friction(whole[law.joints[0]], law.joints[0]) if law.effect.name == MOTOR else law for law in laws]
+    laws = [motor_friction(whole[x.joints[0]], x.joints[0]) if x.effect.name == MOTOR_FRICTION else x for x in laws]
     marks = {joint: Marks(servo.not_identifiable, servo.combined, servo.std) for joint, servo in servos.items()}
     return replace(model, laws=tuple(laws), marks={**model.marks, **marks})
 
@@ -338,7 +338,7 @@ def _read(path: Path) -> Model:
         )
         covariance = _covariance(path, content.get("covariance"), len(robot.links))
         if covariance is None:  # estimates may lie below zero; the laws of a description or a diagnosis do not
-            laws = tuple(map(possible, laws))
+            laws = tuple(map(check_signs, laws))
         servos = servos_from(content.get("servos", {}), robot.joints)
         misfit = read_misfit(content.get("misfit"), robot.joints)
         errors = content.get("payload_covariance")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from signid.signs.observations import Observed
+from signid.signs.observations import Observations
 from signid.signs.samples import RefinedSigns
 from signid.signs.search.exact import RivalSigns
 from signid.signs.search.problem import SignProblem
@@ -32,10 +32,12 @@ def rivals(signs: list[list[float]], losses: list[float]) -> RivalSigns:
     return RivalSigns(np.array(signs), np.array(losses), True)
 
 
-def observations(torque: Array, columns: Array, v: Array, laws: dict[int, tuple[str, int]] | None = None) -> Observed:
+def observations(
+    torque: Array, columns: Array, v: Array, laws: dict[int, tuple[str, int]] | None = None
+) -> Observations:
     """Joints with unsigned torque (N, n) that depends on the same columns (N, b)."""
     count, n = torque.shape
-    return Observed(
+    return Observations(
         part=np.zeros(count, dtype=np.intp),
         first=np.arange(count) == 0,
         t=0.01 * np.arange(count),

@@ -197,7 +197,7 @@ def array_readers() -> Iterator[Reader]:
 
 
 def _expanded(path: Path) -> None:
-    sandbox.SECONDS = 3  # limits endless programs [s]
+    sandbox.MAX_SECONDS = 3  # limits endless programs [s]
     signid.load_robot(path)
 
 

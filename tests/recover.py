@@ -20,7 +20,7 @@ from signid.effects.trial import Trial
 from signid.model import Model, stated_inertials
 from signid.regression.bandwidth import Band, Decimator, choose_band
 from signid.regression.motion import Motion, build_motion
-from signid.regression.rows import STILL, choose_reach
+from signid.regression.rows import STEADY_WIDTHS, choose_reach
 from signid.simulation.plant import Simulation, simulate, track
 from signid.types import Array, Law, Mask, Samples
 
@@ -118,7 +118,7 @@ def case(effect: Effect, seed: int = 5, seconds: float = 16.0, noise: float = 0.
     laws = usual_laws(effect)
     rotors = tuple(law for law in laws if law.effect.name == "armature")
     known = tuple(Law(law.effect, law.joints) for law in laws if law not in rotors)
-    return Case(effect, known, rotors, motion, band, np.column_stack(near) >= STILL * SLOW, deviation)
+    return Case(effect, known, rotors, motion, band, np.column_stack(near) >= STEADY_WIDTHS * SLOW, deviation)
 
 
 def recover(case: Case) -> Found:

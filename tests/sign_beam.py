@@ -6,14 +6,14 @@ import numpy as np
 
 from signid.errors import OptionError
 from signid.signs.search.problem import SignProblem
-from signid.signs.tree import LOST, WIDTH, TreeLevel, TreeNode, TreeResult, grow, in_place
+from signid.signs.tree import LEVEL_ROUNDING, TREE_WIDTH, TreeLevel, TreeNode, TreeResult, grow, in_place
 from signid.types import Array, Indices
 
 SOLVERS = ("pseudo-inverse", "factor")
 
 
 def beam(
-    problem: SignProblem, order: Indices, start: int, width: int = WIDTH, solve: str = "pseudo-inverse"
+    problem: SignProblem, order: Indices, start: int, width: int = TREE_WIDTH, solve: str = "pseudo-inverse"
 ) -> TreeResult:
     """Search the tree with linear least squares at every node; an undetermined sign is arbitrary.
 
@@ -35,7 +35,7 @@ def beam(
 
 
 def _by_pseudo_inverse(level: TreeLevel, right: Array) -> TreeNode:
-    z = np.linalg.pinv(level.gram, rcond=LOST, hermitian=True) @ right
+    z = np.linalg.pinv(level.gram, rcond=LEVEL_ROUNDING, hermitian=True) @ right
     return TreeNode(max(level.energy - float(right @ z), 0.0), z, 1)
 
 

@@ -12,8 +12,8 @@ from motions import FRICTION, trial, truth
 from signid.recording import read_recording
 from signid.regression.rows import Task
 from signid.regression.session import Options, prepare
-from signid.signs.observations import Observed, observe, threshold_runs
-from signid.signs.search.problem import Segment, build_problem, orthonormalise
+from signid.signs.observations import Observations, observe, threshold_runs
+from signid.signs.search.problem import Segment, build_sign_problem, orthonormalise
 from signid.types import Array
 
 
@@ -22,7 +22,7 @@ class Lost:
     """N samples of 3 joints."""
 
     task: Task
-    observed: Observed  # torque without its sign
+    observed: Observations  # torque without its sign
     torque: Array  # (N, n) [N.m] with it
     true: Array  # (b,) base parameters [units of base]
 
@@ -36,7 +36,7 @@ class Lost:
     def value(self, segments: list[Segment]) -> Array:
         """(b,) by least squares of segments, each with the sign that most of its torque has."""
         signs = np.array([np.sign(self.torque[s.start : s.stop, s.joint].sum()) for s in segments])
-        problem = build_problem(self.observed, segments, self.weights)
+        problem = build_sign_problem(self.observed, segments, self.weights)
         return problem.back @ problem.coordinates(signs)
 
     def with_signs(self) -> Array:

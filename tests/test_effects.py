@@ -17,7 +17,7 @@ import signid
 import signid.effects
 from signid.effects import DRIVE_EFFECTS, EFFECT_NAMES, EFFECTS
 from signid.effects.base import Effect
-from signid.effects.law import law_columns, places
+from signid.effects.law import candidate_places, law_columns
 from signid.effects.naming import parse_law
 from signid.errors import OptionError, RobotError
 from signid.recording import read_recording
@@ -53,7 +53,7 @@ def test_simulator_agrees(effect: Effect) -> None:
 @pytest.mark.parametrize("effect", list(EFFECTS), ids=lambda e: e.name)
 def test_columns_at_every_place(effect: Effect) -> None:
     motion = smooth_motion()
-    for place in places(effect, 3):
+    for place in candidate_places(effect, 3):
         rows, columns = law_columns(Law(effect, place, effect.example), motion)
         assert columns.shape[:2] == (len(motion), len(rows)) and np.isfinite(columns).all()
 

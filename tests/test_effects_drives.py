@@ -12,7 +12,7 @@ from printed import known
 from signid.cli import run
 from signid.effects import DRIVE_EFFECTS, EFFECTS
 from signid.effects.base import Effect
-from signid.effects.drive import OF_COMMAND, STAGES, DriveLaw, DriveState
+from signid.effects.drive import COMMAND_STAGES, STAGES, DriveLaw, DriveState
 from signid.effects.naming import law_syntax
 from signid.errors import OptionError
 from signid.model import Model, load_model, with_servos
@@ -94,7 +94,7 @@ def test_the_card_is_complete(law: DriveLaw) -> None:
     assert [getattr(packed, number) for number in law.numbers.values()] == list(law.example.values())
 
 
-@pytest.mark.parametrize("law", [law for law in DRIVES if law.stage not in OF_COMMAND], ids=ids)
+@pytest.mark.parametrize("law", [law for law in DRIVES if law.stage not in COMMAND_STAGES], ids=ids)
 def test_the_equation_is_what_the_code_does(law: DriveLaw) -> None:
     random = np.random.default_rng(0)
     q, v, command, reference, torque = random.normal(size=(5, 400)) * [[0.02], [9.0], [0.02], [9.0], [30.0]]

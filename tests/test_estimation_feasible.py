@@ -90,11 +90,11 @@ def test_negative_friction_moves_to_zero_by_the_least_change() -> None:
 def test_a_failing_solver_only_adds_a_note(monkeypatch: pytest.MonkeyPatch) -> None:
     case = captured("3r", noise=0.05)
     well = fitted(case)
-    monkeypatch.setattr(solver, "trace", lambda problem, heavier: None)
+    monkeypatch.setattr(solver, "trace_path", lambda problem, heavier: None)
     by_solver = fitted(case)
     assert not by_solver.notes
     assert_allclose(by_solver.parameters.values, well.parameters.values, rtol=1e-6, atol=1e-9)
-    monkeypatch.setattr(solver, "_ask", lambda problem: (None, "failed"))
+    monkeypatch.setattr(solver, "_solve_interior", lambda problem: (None, "failed"))
     alone = fitted(case)
     assert alone.parameters.is_feasible() and "Newton" in alone.notes[-1]
     assert_allclose(alone.chi2, well.chi2, rtol=1e-6)
@@ -102,9 +102,9 @@ def test_a_failing_solver_only_adds_a_note(monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_solver_answers_are_verified(monkeypatch: pytest.MonkeyPatch) -> None:
     case = captured("3r", noise=0.05)
-    u = solver.build_problem(case.base, case.estimate, case.prior, 1e-2).start
+    u = solver.build_feasible(case.base, case.estimate, case.prior, 1e-2).start
     u[:10] = pack(np.diag([1.0, 1.0, -1e-9, 1.0]))
-    monkeypatch.setattr(solver, "trace", lambda problem, heavier: None)
+    monkeypatch.setattr(solver, "trace_path", lambda problem, heavier: None)
     monkeypatch.setattr(cp.Problem, "solve", lambda problem, **_: setattr(problem.variables()[0], "value", u))
     fit = fitted(case)
     assert fit.parameters.is_feasible() and "without a feasible point" in fit.notes[-1]

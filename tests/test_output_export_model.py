@@ -15,7 +15,7 @@ from lxml import etree
 
 from signid.effects import EFFECTS
 from signid.effects.base import Effect, TorqueLaw
-from signid.effects.law import law_torque, places
+from signid.effects.law import candidate_places, law_torque
 from signid.errors import OptionError
 from signid.model import Model, load_model
 from signid.output.export import export
@@ -68,7 +68,7 @@ def test_every_law_of_the_motion_is_the_same_function(effect: Effect, tmp_path: 
     robot = gripper()
     rng = np.random.default_rng(3)
     laws = []
-    for place in places(effect, 2):
+    for place in candidate_places(effect, 2):
         vary = {
             k: x * rng.uniform(0.5, 1.5) if isinstance(effect.parameters[k], Coefficient) else x
             for k, x in effect.example.items()

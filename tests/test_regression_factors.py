@@ -86,12 +86,12 @@ def test_rows_and_factors_are_the_same_whatever_the_window(
 ) -> None:
     change, options = CASES[case]
     session = ready(arm, change(columns), options)
-    monkeypatch.setattr(rows_module, "WINDOW", WHOLE)
+    monkeypatch.setattr(rows_module, "MIN_WINDOW_SAMPLES", WHOLE)
     expected = all_rows(session)
     assert len(expected) == 1
     reference, whole = joined(expected), session.reduce(session.train)
     for window in (400, 1777, 8192):
-        monkeypatch.setattr(rows_module, "WINDOW", window)
+        monkeypatch.setattr(rows_module, "MIN_WINDOW_SAMPLES", window)
         found = all_rows(session)
         assert len(found) > 1 and [r.first for r in found] == [True] + [False] * (len(found) - 1)
         for key, values in joined(found).items():
@@ -117,7 +117,7 @@ def test_windows_may_be_shorter_than_the_lags(
     arm: Robot, columns: dict[str, Array], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     session = ready(arm, CASES["computed"][0](columns))
-    monkeypatch.setattr(rows_module, "WINDOW", WHOLE)
+    monkeypatch.setattr(rows_module, "MIN_WINDOW_SAMPLES", WHOLE)
     (rows,) = all_rows(session)
     edges = np.cumsum([0, *(1 + np.arange(len(rows.t)) % 4)])
     pieces = [cut(rows, slice(a, b)) for a, b in zip(edges, edges[1:], strict=False) if a < len(rows.t)]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from signid.regression.bandwidth import HALF, Band, Decimator, differentiate, lowpass
+from signid.regression.bandwidth import DIFFERENCE_REACH, Band, Decimator, differentiate, lowpass
 from signid.regression.projection import least_squares, leave
 
 RATE = 500.0
@@ -24,7 +24,7 @@ def test_lowpass_passes_and_stops() -> None:
 def test_derivatives_of_a_sine() -> None:
     t, w = np.arange(400) / RATE, 2 * np.pi * 10
     v, a = differentiate(np.sin(w * t)[:, None], 1 / RATE)
-    inner = t[HALF:-HALF, None]
+    inner = t[DIFFERENCE_REACH:-DIFFERENCE_REACH, None]
     assert_allclose(v, w * np.cos(w * inner), rtol=0, atol=1e-6 * w)
     assert_allclose(a, -(w**2) * np.sin(w * inner), rtol=0, atol=1e-5 * w**2)
 

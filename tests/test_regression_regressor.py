@@ -10,7 +10,7 @@ from hypothesis import given, strategies as st
 from numpy.testing import assert_allclose
 
 from signid.effects import EFFECT_NAMES, EFFECTS
-from signid.effects.law import law_torque, places
+from signid.effects.law import candidate_places, law_torque
 from signid.regression.base_parameters import build_base
 from signid.regression.motion import Motion, regressor
 from signid.robot import DHLink, robot_from_text, urdf_from_dh
@@ -101,6 +101,6 @@ def test_the_regressor_is_linear_in_the_stated_parameters(robot: Robot, seed: in
 def test_friction_never_creates_energy(robot: Robot, seed: int, size: float) -> None:
     motion = states(robot, seed)
     for effect in (effect for effect in EFFECTS if effect.dissipative):
-        for place in places(effect, len(robot.joints)):
+        for place in candidate_places(effect, len(robot.joints)):
             rows, torque = law_torque(Law(effect, place, effect.example), motion)
             assert (size * np.sum(torque * motion.v[:, list(rows)], axis=1) >= 0).all()

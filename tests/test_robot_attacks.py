@@ -15,7 +15,7 @@ from signid.robot.description import xacro_strict
 
 HEAD = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">'
 ENTITY = f'<!DOCTYPE r [<!ENTITY a "x">]>{HEAD}<link name="&a;"/></robot>'
-SECONDS = 15  # of any refusal here, on a busy machine; an expansion may take sandbox.SECONDS
+SECONDS = 15  # of any refusal here, on a busy machine; an expansion may take sandbox.MAX_SECONDS
 
 
 def refused(path: Path, says: str) -> None:
@@ -88,7 +88,7 @@ def test_the_size_of_all_included_files_is_limited(tmp_path: Path, monkeypatch: 
     import xacro
 
     monkeypatch.setattr(xacro, "filestack", [None])
-    monkeypatch.setattr(xacro_strict, "MOST_LETTERS", 1000)
+    monkeypatch.setattr(xacro_strict, "MAX_INCLUDED_LETTERS", 1000)
     (tmp_path / "part.xacro").write_text(f"{HEAD}{' ' * 400}</robot>")
     parse = xacro_strict.strict_parser(xacro_strict.Arguments({}))
     assert parse(None, str(tmp_path / "part.xacro")) and parse(None, str(tmp_path / "part.xacro"))

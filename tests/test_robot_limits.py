@@ -11,7 +11,7 @@ from toys import joint, link, toy, urdf
 
 from signid.errors import RobotError
 from signid.robot import load_robot, robot_from_text
-from signid.robot.description.document import LARGEST, MOST_JOINTS
+from signid.robot.description.document import MAX_MAGNITUDE, MAX_MOVING_JOINTS
 from signid.robot.dynamics import check_masses
 
 ROOT = Path(__file__).parents[1]
@@ -81,11 +81,11 @@ def chain(joints: int) -> str:
 
 
 def test_long_chains_are_refused_at_once() -> None:
-    assert len(robot_from_text(chain(MOST_JOINTS), "urdf", "c").joints) == MOST_JOINTS
+    assert len(robot_from_text(chain(MAX_MOVING_JOINTS), "urdf", "c").joints) == MAX_MOVING_JOINTS
     bodies = "".join(f'<body><joint name="j{i}"/><geom size="1"/></body>' for i in range(999))
     start = time.process_time()
     for kind, text in (("urdf", chain(999)), ("mjcf", f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")):
-        with pytest.raises(RobotError, match=f"999 moving joints, more than {MOST_JOINTS}"):
+        with pytest.raises(RobotError, match=f"999 moving joints, more than {MAX_MOVING_JOINTS}"):
             robot_from_text(text, kind, "c")
     assert time.process_time() - start < 5
 
@@ -100,7 +100,7 @@ def test_devices_pipes_and_giants_are_not_read(tmp_path: Path, monkeypatch: pyte
         load_robot(tmp_path / "r.xml")
     with pytest.raises(RobotError, match="pipe.xml"):
         load_robot(tmp_path / "pipe.xml")
-    monkeypatch.setattr("signid.robot.description.document.MOST_BYTES", 10)
+    monkeypatch.setattr("signid.robot.description.document.MAX_FILE_BYTES", 10)
     with pytest.raises(RobotError, match="more than 0 MB"):
         load_robot("3r")
 
@@ -111,4 +111,4 @@ def test_negative_masses_are_named() -> None:
     head, _, tail = THREE.rpartition('mass value="')
     with pytest.raises(RobotError, match=r"link_3 .* mass of -2 kg"):
         check_masses(robot_from_text(f'{head}mass value="-2{tail[tail.index(chr(34)) :]}', "urdf", "3r"))
-    assert LARGEST >= 1e6
+    assert MAX_MAGNITUDE >= 1e6

@@ -18,7 +18,7 @@ from signid.cli import run
 from signid.model import Model, load_model, with_servos
 from signid.output.export import export
 from signid.robot import robot_from_text
-from signid.robot.joints import alike, name_pattern
+from signid.robot.joints import name_pattern, similar_joints
 from signid.servo.fit import ServoFit, fit_servos
 from signid.servo.given import Assumptions, Bounds, Prior
 from signid.servo.identify.conclude import equal_hints
@@ -199,13 +199,16 @@ def test_wrong_texts_are_one_sentence(
 
 def test_joints_are_alike_if_their_names_differ_in_a_side_a_finger_or_a_limb() -> None:
     dog = [f"{leg}_{part}_joint" for leg in ("FL", "FR", "RL", "RR") for part in ("hip", "thigh")]
-    assert alike(dog) == (tuple(dog[::2]), tuple(dog[1::2]))
+    assert similar_joints(dog) == (tuple(dog[::2]), tuple(dog[1::2]))
     assert name_pattern(dog[::2], dog) == ".*_hip_joint" and name_pattern(dog[:3:2], dog) == "FL_hip_joint|FR_hip_joint"
     hand = ["finger_1_joint_1", "finger_1_joint_2", "finger_2_joint_1", "finger_2_joint_2"]
-    assert [name_pattern(some, hand) for some in alike(hand)] == ["finger_.*_joint_1", "finger_.*_joint_2"]
-    assert alike(["LHipPitch", "RHipPitch", "LKneePitch"]) == (("LHipPitch", "RHipPitch"),)
-    assert alike(["l_arm_1", "l_arm_2", "r_arm_1"]) == (("l_arm_1", "r_arm_1"),)
-    assert alike([f"joint_{k}" for k in range(6)]) == () and alike(["shoulder_pan", "shoulder_lift"]) == ()
+    assert [name_pattern(some, hand) for some in similar_joints(hand)] == ["finger_.*_joint_1", "finger_.*_joint_2"]
+    assert similar_joints(["LHipPitch", "RHipPitch", "LKneePitch"]) == (("LHipPitch", "RHipPitch"),)
+    assert similar_joints(["l_arm_1", "l_arm_2", "r_arm_1"]) == (("l_arm_1", "r_arm_1"),)
+    assert (
+        similar_joints([f"joint_{k}" for k in range(6)]) == ()
+        and similar_joints(["shoulder_pan", "shoulder_lift"]) == ()
+    )
     assert name_pattern(["hip-left", "hip-right"], ["hip-left", "hip-right", "hip.left"]) == "hip-.*"
 
 

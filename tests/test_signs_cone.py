@@ -14,12 +14,12 @@ from signless import Lost, lost
 from signid.signs.observations import law_coefficients
 from signid.signs.search import exact
 from signid.signs.search.branch_and_bound import PhysicalCone, cone_inequalities, kinetic_rows
-from signid.signs.search.problem import SignProblem, build_problem
+from signid.signs.search.problem import SignProblem, build_sign_problem
 from signid.types import Array
 
 
 def posed(case: Lost) -> SignProblem:
-    return build_problem(case.observed, case.segments(), case.weights)
+    return build_sign_problem(case.observed, case.segments(), case.weights)
 
 
 def posed_in_cone(noise: float) -> tuple[Lost, SignProblem, PhysicalCone]:
@@ -134,7 +134,7 @@ def test_a_solver_that_gives_up_leaves_a_bound_and_no_proof(monkeypatch: pytest.
     monkeypatch.setattr("scipy.optimize.lsq_linear", unfinished)
     bound, near = cone.distance(z)
     assert 0 < bound < squared and np.sum((near - z) ** 2) == pytest.approx(bound)
-    monkeypatch.setattr(exact, "_prove", lambda scores, *_: (scores.best, 1))
+    monkeypatch.setattr(exact, "_prove_bound", lambda scores, *_: (scores.best, 1))
     monkeypatch.setattr(exact, "climb", lambda problem, seed: np.ones(problem.count))
     found = exact.search_signs(problem, cone)
     assert not found.proof.optimal and not found.proof.has_bound

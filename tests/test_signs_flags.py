@@ -14,13 +14,13 @@ from signid.recording import read_recording
 from signid.regression.session import prepare
 from signid.robot import load_robot
 from signid.signs import recover
-from signid.signs.infer import Inferred
-from signid.signs.observations import Observed, Segment, observe
-from signid.signs.recover import _notes, raise_flags
+from signid.signs.infer import InferredSigns
+from signid.signs.observations import Observations, Segment, observe
+from signid.signs.recover import _sign_notes, raise_flags
 from signid.signs.result import SignProof
 
 
-def well() -> tuple[Observed, Inferred]:
+def well() -> tuple[Observations, InferredSigns]:
     """Two joints without any flag: Coulomb friction, viscous friction, offset, a body."""
     v = np.column_stack([np.cos(2 * np.pi * T), np.cos(4 * np.pi * T)])
     columns = np.column_stack([np.sign(v[:, 0]), v[:, 0], np.ones(400), INERTIA])
@@ -29,7 +29,7 @@ def well() -> tuple[Observed, Inferred]:
     observed = observations(torque, columns, v, LAWS)
     segments = tuple(Segment(j, a, a + 40) for j in (0, 1) for a in range(0, 400, 50))
     shared = problem([[9.0] * 17], [*[0] * 8, *[1] * 8, -1])
-    evidence = Inferred(
+    evidence = InferredSigns(
         segments=segments,
         signs=np.ones(16),
         confidence=np.ones(16),
@@ -48,18 +48,18 @@ def well() -> tuple[Observed, Inferred]:
 
 
 def test_nothing_is_flagged_without_reason() -> None:
-    assert raise_flags(*well()) == _notes(*well()) == ()
+    assert raise_flags(*well()) == _sign_notes(*well()) == ()
 
 
 def test_cut_segments_are_counted_by_the_name_of_their_joint() -> None:
     observed, found = well()
-    assert _notes(observed, replace(found, impure={0: 1, 1: 3})) == (
+    assert _sign_notes(observed, replace(found, impure={0: 1, 1: 3})) == (
         "shoulder: 1 segment cut at a change of sign of the torque inside",
         "elbow: 3 segments cut at a change of sign of the torque inside",
     )
 
 
-def flag_of(observed: Observed, found: Inferred) -> str:
+def flag_of(observed: Observations, found: InferredSigns) -> str:
     (flag,) = raise_flags(observed, found)
     return flag
 

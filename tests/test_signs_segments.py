@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 
 from signid.errors import RecordingError
-from signid.signs.observations import Observed, runs_between_minima, split_impure, threshold_runs
+from signid.signs.observations import Observations, runs_between_minima, split_impure, threshold_runs
 from signid.signs.search.problem import Segment
 from signid.types import Array, Mask
 
 PERIOD = 0.01  # s
 
 
-def seen(torque: Array, first: tuple[int, ...] = (0,), moving: Mask | None = None) -> Observed:
+def seen(torque: Array, first: tuple[int, ...] = (0,), moving: Mask | None = None) -> Observations:
     """One joint with its absolute torque (N,) alone."""
     count = len(torque)
     begins = np.isin(np.arange(count), first)
     still = np.zeros((count, 1))
-    return Observed(
+    return Observations(
         part=np.zeros(count, dtype=np.intp),
         first=begins,
         t=PERIOD * np.arange(count),

@@ -17,8 +17,8 @@ from signid.estimation.pbrp import Bounds
 from signid.regression.base_parameters import build_base
 from signid.regression.motion import Motion, base_rows, regressor
 from signid.robot import load_robot
-from signid.signs.observations import Observed, threshold_runs
-from signid.signs.search.problem import KnownRows, SignProblem, build_problem, eliminate
+from signid.signs.observations import Observations, threshold_runs
+from signid.signs.search.problem import KnownRows, SignProblem, build_sign_problem, eliminate
 from signid.signs.tree import condition_order, search_tree
 from signid.types import Array, BaseMap, Parameters
 
@@ -32,7 +32,7 @@ class Case:
     base: BaseMap
     prior: Parameters
     truth: Array  # (p,) standard parameters
-    observed: Observed
+    observed: Observations
     problem: SignProblem
     signs: Array  # (S,) true ones
 
@@ -47,14 +47,14 @@ def case(motion: Motion) -> Case:
     observed = observed_from(motion, base, torque)
     segments, _ = threshold_runs(observed)
     signs = np.array([np.sign(torque[a:b, j].sum()) for j, a, b in segments])
-    problem = build_problem(observed, segments, np.ones(len(robot.joints)))
+    problem = build_sign_problem(observed, segments, np.ones(len(robot.joints)))
     return Case(base, Parameters(base.labels, stated), truth, observed, problem, signs)
 
 
-def observed_from(motion: Motion, base: BaseMap, torque: Array) -> Observed:
+def observed_from(motion: Motion, base: BaseMap, torque: Array) -> Observations:
     count, n = torque.shape
     seen = tuple(np.flatnonzero(base.sees[j]) for j in range(n))
-    return Observed(
+    return Observations(
         part=np.zeros(count, dtype=np.intp),
         first=np.arange(count) == 0,
         t=motion.t,
@@ -154,7 +154,7 @@ def test_rows_of_known_sign_are_kept() -> None:
     joint, start, stop = threshold_runs(toy.observed)[0][0]
     at = slice(start, stop, 3)
     known = KnownRows(toy.observed.rows(joint, at), toy.signs[0] * toy.observed.torque[at, joint])
-    problem = build_problem(toy.observed, threshold_runs(toy.observed)[0], np.ones(1), known)
+    problem = build_sign_problem(toy.observed, threshold_runs(toy.observed)[0], np.ones(1), known)
     got = search_tree(problem, toy.base, toy.prior, **QUICK)
     assert problem.anchored and np.array_equal(got.signs, [*toy.signs, 1.0])
     assert got.nodes == 1 + 2 + 4

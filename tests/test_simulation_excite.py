@@ -16,7 +16,7 @@ from signid.simulation.excite import Excitation, build_limits, excite
 from signid.simulation.excite.design import CRITERIA, Budget, ExcitationCost, make_feasible, predict_precision
 from signid.simulation.excite.families import FAMILIES, Fourier, random_parameters
 from signid.simulation.excite.limits import build_collision
-from signid.simulation.excite.problem import ExcitationProblem, build_problem, usual_laws
+from signid.simulation.excite.problem import ExcitationProblem, build_design, usual_laws
 from signid.types import Law, Trajectory
 
 SMALL = Budget(pool=10, starts=1, short=40, long=40, firm=40)
@@ -31,7 +31,7 @@ def arm(name: str, joints: list[str] | None = None) -> Model:
 
 def problem_of(model: Model, family: Fourier) -> ExcitationProblem:
     limits = build_limits(model.robot)
-    return build_problem(model, usual_laws(model, EFFECT_NAMES), family, limits, 0.01, 0)[0]
+    return build_design(model, usual_laws(model, EFFECT_NAMES), family, limits, 0.01, 0)[0]
 
 
 def moves_as_it_says(asked: Trajectory) -> None:

@@ -86,7 +86,7 @@ FORMS = [*(("${", "}", x) for x in ESCAPES), *(("$(eval ", ")", x) for x in ESCA
 def test_xacro_expressions_do_nothing_else(
     opening: str, closing: str, expression: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(sandbox, "SECONDS", 3)
+    monkeypatch.setattr(sandbox, "MAX_SECONDS", 3)
     monkeypatch.chdir(tmp_path)
     name = escape(f"{opening}{expression}{closing}", {'"': "&quot;"})
     refused(tmp_path / "r.xacro", f'{HEAD}<link name="{name}"/></robot>', "xacro cannot expand it")
@@ -156,7 +156,7 @@ def test_the_process_may_neither_write_nor_run_nor_connect(tmp_path: Path) -> No
 
 @pytest.mark.slow
 def test_macros_without_end_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sandbox, "SECONDS", 3)
+    monkeypatch.setattr(sandbox, "MAX_SECONDS", 3)
     names = "abcdefghijklmnopqrstuvwxyz"
     macros = "".join(
         f'<xacro:macro name="{x}"><xacro:{y}/><xacro:{y}/></xacro:macro>'
@@ -172,9 +172,9 @@ def test_xacro_keeps_to_limits_that_are_there_already() -> None:
         import resource
         from signid.robot.description import sandbox
         resource.setrlimit(resource.RLIMIT_AS, (3_000_000_000,) * 2)
-        sandbox._limit()
+        sandbox._limit_process()
         assert resource.getrlimit(resource.RLIMIT_AS) == (3_000_000_000,) * 2
-        assert resource.getrlimit(resource.RLIMIT_CPU)[0] == sandbox.SECONDS
+        assert resource.getrlimit(resource.RLIMIT_CPU)[0] == sandbox.MAX_SECONDS
     """
     there = {**os.environ, "PYTHONPATH": str(HERE)}
     done = subprocess.run([sys.executable, "-c", program], env=there, capture_output=True, text=True)

@@ -16,7 +16,7 @@ from signid.identify import Identification
 from signid.model import Model, stated_inertials, stated_laws
 from signid.recording import same_joints
 from signid.recording.sampling import survey
-from signid.regression.session import SAME_RATE, Options, prepare
+from signid.regression.session import RATE_TOLERANCE, Options, prepare
 from signid.robot import hold, resting
 from signid.simulation.rollout.run import restrict_joints
 from signid.types import Array, Recording, Robot
@@ -63,7 +63,7 @@ def one_rate(robot: Robot, recordings: Sequence[Recording]) -> list[Recording]:
     periods = [survey(recording, moving).period for recording in recordings]
     longest = max(periods)
     return [
-        x if longest / period - 1 <= SAME_RATE else _slower(robot, x, longest)
+        x if longest / period - 1 <= RATE_TOLERANCE else _slower(robot, x, longest)
         for x, period in zip(recordings, periods, strict=True)
     ]
 

@@ -6,7 +6,7 @@ from ..types import Array, Shape, View
 from .base import TransmissionLaw
 from .flight import fly
 
-STOP = 500.0  # [rad/s] natural frequency of the link on its critically damped stops
+STOP_FREQUENCY = 500.0  # [rad/s] natural frequency of the link on its critically damped stops
 
 
 class Backlash(TransmissionLaw):
@@ -21,10 +21,10 @@ class Backlash(TransmissionLaw):
 
     def hold(self, x: View, gap: float) -> Array:
         pressed = x.q - np.clip(x.q, -gap / 2, gap / 2)
-        return x.inertia * np.where(pressed == 0, 0, STOP**2 * pressed + 2 * STOP * x.v)
+        return x.inertia * np.where(pressed == 0, 0, STOP_FREQUENCY**2 * pressed + 2 * STOP_FREQUENCY * x.v)
 
     def deflection(self, x: View, gap: float) -> list[Array]:
-        return [fly(x, gap, STOP)]
+        return [fly(x, gap, STOP_FREQUENCY)]
 
 
 PLUGIN = Backlash()

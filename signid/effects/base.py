@@ -19,7 +19,7 @@ FUNCTIONS = (  # names of NumPy that an equation may use, beside norm
     "pi abs sign exp log sqrt sin cos tan arctan arctan2 sinh cosh tanh clip where sum array cross minimum maximum "
     "interp"
 ).split()
-ITERATIONS = 12  # fixed-point iterations that invert a recording law
+INVERSION_ITERATIONS = 12  # fixed-point iterations that invert a recording law
 
 
 class TorqueLaw(Effect):
@@ -97,7 +97,7 @@ class RecordingLaw(Effect):
     def acted_q(self, x: View, *args: Any, **parameters: Any) -> Array:
         """True position (..., m) [rad or m] for the recorded position x.q; by default a fixed-point iteration."""
         found = x.q
-        for _ in range(ITERATIONS):
+        for _ in range(INVERSION_ITERATIONS):
             found = found + x.q - self.recorded_q(Trial(found, x.v, t=x.t, dt=x.dt, joints=x.joints), **parameters)
         return found
 
@@ -107,7 +107,7 @@ class RecordingLaw(Effect):
         Source: van Cittert, Zeitschrift fuer Physik 69, 1931, pages 298-308: few iterations sharpen without noise.
         """
         found = x.torque
-        for _ in range(ITERATIONS):
+        for _ in range(INVERSION_ITERATIONS):
             trial = Trial(x.q, x.v, t=x.t, dt=x.dt, torque=found, joints=x.joints)
             found = found + x.torque - self.recorded_torque(trial, **parameters)
         return found

@@ -11,7 +11,7 @@ import pinocchio as pin
 from ..types import Array, Coefficient, View
 from .base import BodyLaw
 
-FAR = 1e6  # [m] lever that stands for a first moment without mass: its mass is negligible
+MASSLESS_LEVER = 1e6  # [m] lever that stands for a first moment without mass: its mass is negligible
 MOMENT = [f"first_moment_{k}" for k in "xyz"]
 INERTIA = [f"inertia_{k}" for k in "xx xy yy xz yz zz".split()]
 
@@ -52,7 +52,7 @@ def body_inertia(numbers: Array) -> pin.Inertia:
     """
     mass, moment = float(numbers[0]), numbers[1:4]
     if mass == 0:
-        mass = float(np.linalg.norm(moment)) / FAR
+        mass = float(np.linalg.norm(moment)) / MASSLESS_LEVER
     if mass == 0:
         xx, xy, yy, xz, yz, zz = numbers[4:]
         return pin.Inertia(0.0, np.zeros(3), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))

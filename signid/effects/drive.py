@@ -16,7 +16,7 @@ from ..types import Array, Effect
 
 # in which a drive applies its laws
 STAGES = ("delay", "profile", "error", "gain", "duty", "damping", "limit", "supply")
-OF_COMMAND = ("delay", "profile")  # stages that change the commanded position along time
+COMMAND_STAGES = ("delay", "profile")  # stages that change the commanded position along time
 
 
 @dataclass(frozen=True, eq=False)

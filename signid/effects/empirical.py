@@ -7,8 +7,8 @@ import numpy as np
 from ..types import Array, Coefficient, Shape, View
 from .base import TorqueLaw
 
-VARIABLES = ("position", "velocity", "acceleration", "torque")
-PLACES = range(1, 9)
+MOTION_VARIABLES = ("position", "velocity", "acceleration", "torque")
+POINTS = range(1, 9)
 
 
 class Empirical(TorqueLaw):
@@ -19,10 +19,10 @@ class Empirical(TorqueLaw):
     typical = "a few per cent of the torque"
     parameters = {
         "variable": Shape("1", (), positive=False),
-        **{f"knot_{k}": Shape("1", (), positive=False) for k in PLACES},
-        **{f"value_{k}": Coefficient("N.m") for k in PLACES},
+        **{f"knot_{k}": Shape("1", (), positive=False) for k in POINTS},
+        **{f"value_{k}": Coefficient("N.m") for k in POINTS},
     }
-    example = {"variable": 1.0, **{f"knot_{k}": k - 4.5 for k in PLACES}, **{f"value_{k}": 0.1 * k for k in PLACES}}
+    example = {"variable": 1.0, **{f"knot_{k}": k - 4.5 for k in POINTS}, **{f"value_{k}": 0.1 * k for k in POINTS}}
 
     def columns(self, x: View, variable: float, **knots: float) -> list[Array]:
         """Hat function of each knot: 1 at the knot, 0 at the others, (..., m) [1]."""

@@ -7,7 +7,7 @@ import numpy as np
 from ..types import Array, Coefficient, Shape, View
 from .base import TorqueLaw
 
-WIDTHS, STEP = (0.5, 1.0, 2.0), 0.25  # [s] lengths of the candidate windows; step between their starts
+WINDOW_LENGTHS, WINDOW_STEP = (0.5, 1.0, 2.0), 0.25  # [s] lengths of the candidate windows; step between their starts
 
 
 class ExternalContact(TorqueLaw):
@@ -32,8 +32,8 @@ class ExternalContact(TorqueLaw):
 
     def shapes(self, x: View) -> Iterator[dict[str, float]]:
         first, last = float(x.t.min()), float(x.t.max())
-        for width in WIDTHS:
-            yield from ({"start": s, "end": s + width} for s in np.arange(first, last - width, STEP).tolist())
+        for width in WINDOW_LENGTHS:
+            yield from ({"start": s, "end": s + width} for s in np.arange(first, last - width, WINDOW_STEP).tolist())
 
 
 PLUGIN = ExternalContact()

@@ -9,8 +9,8 @@ import numpy as np
 from ..types import Array, View
 from .oscillation import chain
 
-EVENTS = 50  # maximum number of impacts and departures within one sample
-FIRST, MOST = 64, 4096  # look-ahead on a stop [samples]: start and maximum; doubles while contact lasts
+MAX_EVENTS = 50  # maximum number of impacts and departures within one sample
+MIN_LOOK_AHEAD, MAX_LOOK_AHEAD = 64, 4096  # [samples] look-ahead on a stop; doubles while contact lasts
 
 
 def fly(x: View, gap: float, stop: float) -> Array:
@@ -28,7 +28,7 @@ def fly(x: View, gap: float, stop: float) -> Array:
     force, pull, drag = -load / inertia, along.position[:, j, j] / inertia, along.velocity[:, j, j] / inertia
     push, pull, drag = (force[1:] + force[:-1]) / 2, pull[:-1], drag[:-1]
     z, w = copysign(half, force[0]) + force[0] / stop**2, 0.0
-    (own, taken), out, dt, i, ahead = _on_stop(pull, drag, x.dt, stop), np.empty_like(force), x.dt, 0, FIRST
+    (own, taken), out, dt, i, ahead = _on_stop(pull, drag, x.dt, stop), np.empty_like(force), x.dt, 0, MIN_LOOK_AHEAD
     out[0] = z
     while i < len(push):
         side = 1.0 if z > 0 else -1.0
@@ -41,10 +41,10 @@ def fly(x: View, gap: float, stop: float) -> Array:
             out[i + 1 : i + 1 + count] = side * (half + y[1 : count + 1])
             z, w, i = side * (half + float(y[count])), side * float(u[count]), i + count
             if count == len(leaves):
-                ahead = min(2 * ahead, MOST)
+                ahead = min(2 * ahead, MAX_LOOK_AHEAD)
                 continue
-            ahead = FIRST
-        z, w = _through(z, w, float(push[i] - pull[i] * z - drag[i] * w), dt, half, stop)
+            ahead = MIN_LOOK_AHEAD
+        z, w = _stop_response(z, w, float(push[i] - pull[i] * z - drag[i] * w), dt, half, stop)
         out[i + 1], i = z, i + 1
     return out[:, None]
 
@@ -52,7 +52,7 @@ def fly(x: View, gap: float, stop: float) -> Array:
 def _on_stop(pull: Array, drag: Array, dt: float, stop: float) -> tuple[Array, Array]:
     """Transition matrices (2, 2, N - 1) of penetration depth and rate on a stop, and input vector (2,) of the force.
 
-    Solution of `_pressed` over one sample; `pull` and `drag` reduce the force by the deflection and its rate.
+    Solution of `_stop_depth` over one sample; `pull` and `drag` reduce the force by the deflection and its rate.
     """
     fade, one = exp(-stop * dt), np.ones_like(pull)
     taken = np.array([(1 - fade * (1 + stop * dt)) / stop**2, fade * dt])
@@ -60,14 +60,14 @@ def _on_stop(pull: Array, drag: Array, dt: float, stop: float) -> tuple[Array, A
     return kept[..., None] * one - taken[:, None, None] * np.array([pull, drag]), taken
 
 
-def _through(z: float, w: float, f: float, left: float, half: float, stop: float) -> tuple[float, float]:
+def _stop_response(z: float, w: float, f: float, left: float, half: float, stop: float) -> tuple[float, float]:
     """Deflection and its rate after the time `left` under a constant force per inertia."""
-    for _ in range(EVENTS):
+    for _ in range(MAX_EVENTS):
         side = copysign(1.0, z)
         outward = side * w if w else side * f
         if abs(z) > half or (abs(z) == half and outward > 0):
             h = _departure(side * z - half, side * w, side * f, left, stop)
-            y, u = _pressed(side * z - half, side * w, side * f, h, stop)
+            y, u = _stop_depth(side * z - half, side * w, side * f, h, stop)
             z, w = side * half if h < left else side * (half + y), side * u
         else:
             h, end = _arrival(z, w, f, left, half)
@@ -78,7 +78,7 @@ def _through(z: float, w: float, f: float, left: float, half: float, stop: float
     return z, w
 
 
-def _pressed(y: float, w: float, f: float, h: float, stop: float) -> tuple[float, float]:
+def _stop_depth(y: float, w: float, f: float, h: float, stop: float) -> tuple[float, float]:
     """Depth and rate on a critically damped stop after the time h."""
     rest = f / stop**2
     a, b = y - rest, w + stop * (y - rest)
@@ -88,12 +88,12 @@ def _pressed(y: float, w: float, f: float, h: float, stop: float) -> tuple[float
 
 def _departure(y: float, w: float, f: float, left: float, stop: float) -> float:
     """Time at which the link leaves a stop, at most `left`."""
-    if _pressed(y, w, f, left, stop)[0] >= 0:
+    if _stop_depth(y, w, f, left, stop)[0] >= 0:
         return left
     low, high = 0.0, left
     for _ in range(40):
         middle = (low + high) / 2
-        low, high = (low, middle) if _pressed(y, w, f, middle, stop)[0] < 0 else (middle, high)
+        low, high = (low, middle) if _stop_depth(y, w, f, middle, stop)[0] < 0 else (middle, high)
     return high
 
 

@@ -6,8 +6,8 @@ from ..types import Array, Coefficient, Shape, View
 from .base import TorqueLaw
 
 AT_REST = "exp(-(abs(v / velocity) ** exponent))"
-SQUARES = "where(load * v > 0, quadratic_external, quadratic_motor) * load**2"
-LEVEL = f"level + coefficient_at_rest * (1 + external_at_rest) * abs(load) + {SQUARES}"
+SQUARE_TERM = "where(load * v > 0, quadratic_external, quadratic_motor) * load**2"
+LEVEL = f"level + coefficient_at_rest * (1 + external_at_rest) * abs(load) + {SQUARE_TERM}"
 
 
 class GearFriction(TorqueLaw):

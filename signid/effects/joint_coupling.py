@@ -5,7 +5,7 @@ import numpy as np
 from ..types import Array, Coefficient, View
 from .base import TorqueLaw
 
-SLOW = 0.01  # [rad/s or m/s] velocity scale of the tanh that replaces the sign of the sum
+SIGN_VELOCITY = 0.01  # [rad/s or m/s] velocity scale of the tanh that replaces the sign of the sum
 
 
 class JointCoupling(TorqueLaw):
@@ -24,7 +24,7 @@ class JointCoupling(TorqueLaw):
     scope = "pair"
 
     def columns(self, x: View) -> list[Array]:
-        both = np.tanh(x.v.sum(-1, keepdims=True) / SLOW)
+        both = np.tanh(x.v.sum(-1, keepdims=True) / SIGN_VELOCITY)
         return [x.a[..., ::-1], x.v[..., ::-1], np.broadcast_to(both, x.v.shape)]
 
 

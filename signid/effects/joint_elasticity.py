@@ -8,7 +8,7 @@ from ..types import Array, Shape, View
 from .base import TransmissionLaw
 from .oscillation import oscillate
 
-RELAXATION = 1e-3  # [s] ratio of damping to stiffness
+RELAXATION_TIME = 1e-3  # [s] ratio of damping to stiffness
 RESONANCES = (*np.geomspace(2, 16, 23), 20.0, 26.0, 35.0, 50.0, 80.0)  # [Hz] candidates, visible near resonance
 
 
@@ -23,10 +23,10 @@ class JointElasticity(TransmissionLaw):
     twins = ("armature",)
 
     def hold(self, x: View, stiffness: float) -> Array:
-        return stiffness * (x.q + RELAXATION * x.v)
+        return stiffness * (x.q + RELAXATION_TIME * x.v)
 
     def deflection(self, x: View, stiffness: float) -> list[Array]:
-        return [oscillate(x, stiffness, RELAXATION * stiffness)]
+        return [oscillate(x, stiffness, RELAXATION_TIME * stiffness)]
 
     def shapes(self, x: View) -> Iterator[dict[str, float]]:
         """Stiffnesses with resonance frequencies within and above the usual bandwidth."""

@@ -47,7 +47,7 @@ def coefficient_count(law: Law) -> int:
     return len(law.effect.coefficients(dict.fromkeys(law.effect.parameters, 1.0)))
 
 
-def places(effect: Effect, joints: int) -> list[tuple[int, ...]]:
+def candidate_places(effect: Effect, joints: int) -> list[tuple[int, ...]]:
     """Candidate places (tuples of joints) of an effect on a robot of `joints` joints."""
     one: list[tuple[int, ...]] = [(j,) for j in range(joints)]
     every = tuple(range(joints))
@@ -64,7 +64,7 @@ def places(effect: Effect, joints: int) -> list[tuple[int, ...]]:
 
 def hypotheses(effect: Effect, motion: Along, joints: int) -> Iterator[Law]:
     """Candidate laws of an effect: all places and shapes for a motion of `joints` joints."""
-    for place in places(effect, joints):
+    for place in candidate_places(effect, joints):
         for shape in effect.shapes(motion.at(place)):
             yield Law(effect, place, shape)
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from ..errors import OptionError
-from ..robot.joints import find
+from ..robot.joints import find_joint
 from ..types import Law, Robot, Shape
 from . import EFFECTS
 from .base import Effect
-from .law import places
+from .law import candidate_places
 
-LARGEST = 9e9  # magnitude of a parameter [its unit]; times since 1970 are 1.7e9 s
+MAX_PARAMETER = 9e9  # magnitude of a parameter [its unit]; times since 1970 are 1.7e9 s
 
 
 def place(effect: Effect, robot: Robot, joint: str | None, partner: str | None = None) -> tuple[int, ...]:
@@ -29,9 +29,9 @@ def place(effect: Effect, robot: Robot, joint: str | None, partner: str | None =
     if joint is not None and scope == "robot":
         raise OptionError(f"effect {effect.name!r} acts on the whole robot; write it without @{joint}")
     named = [name for name in (joint, partner) if name is not None]
-    found = tuple(find(name, robot) for name in named)
+    found = tuple(find_joint(name, robot) for name in named)
     if joint is None:
-        return places(effect, n)[0]
+        return candidate_places(effect, n)[0]
     if len(set(found)) < len(found):
         raise OptionError(f"effect {effect.name!r} couples two joints; give a partner other than {joint}")
     if scope == "tip" and found != (n - 1,):
@@ -75,8 +75,8 @@ def law_at(effect: Effect, robot: Robot, joint: str | None, parameters: Mapping[
         numbers = {key: float(values[key]) for key in wanted}
     except ValueError:
         raise _fault(effect, "has a parameter that is not a number") from None
-    if absurd := [key for key, value in numbers.items() if not abs(value) <= LARGEST]:
-        fault = f"{absurd[0]} is {numbers[absurd[0]]}, beyond {LARGEST:.0e}"
+    if absurd := [key for key, value in numbers.items() if not abs(value) <= MAX_PARAMETER]:
+        fault = f"{absurd[0]} is {numbers[absurd[0]]}, beyond {MAX_PARAMETER:.0e}"
         raise OptionError(f"effect {effect.name!r}: {fault}; write {law_syntax(effect)}")
     return Law(effect, joints, numbers)
 
@@ -98,11 +98,11 @@ def parse_law(text: str, robot: Robot, partial: bool = False) -> Law:
     if not all(key and value for key, _, value in pairs) or len(given) < len(pairs) or bool(at) > bool(joint):
         raise OptionError(f"{text!r} cannot be read; write {law_syntax(effect)}")
     if partial and set(given) <= {"partner", *effect.parameters}:
-        law = possible(law_at(effect, robot, joint or None, {**effect.example, **given}))
+        law = check_signs(law_at(effect, robot, joint or None, {**effect.example, **given}))
         return Law(effect, law.joints, {key: value for key, value in law.parameters.items() if key in given})
     left_out = effect.example if not set(given) - {"partner"} else dict.fromkeys(effect.linear(), 0.0)
     left_out = {key: value for key, value in left_out.items() if key not in effect.optional}
-    return possible(law_at(effect, robot, joint or None, {**left_out, **given}))
+    return check_signs(law_at(effect, robot, joint or None, {**left_out, **given}))
 
 
 def law_syntax(effect: Effect) -> str:
@@ -119,7 +119,7 @@ def _fault(effect: Effect, fault: str) -> OptionError:
     return OptionError(f"effect {effect.name!r} {fault}; write {law_syntax(effect)}")
 
 
-def possible(law: Law) -> Law:
+def check_signs(law: Law) -> Law:
     """The law, if positive coefficients are not negative and positive shapes are above zero.
 
     Raises:

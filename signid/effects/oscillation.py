@@ -7,7 +7,7 @@ from scipy.linalg.blas import dtbsv
 
 from ..types import Array, View
 
-SETTLING = 6.0  # duration of the additional initial damping [periods of oscillation]
+SETTLING_PERIODS = 6.0  # duration of the additional initial damping [periods of oscillation]
 
 
 def oscillate(x: View, stiffness: float, damping: float) -> Array:
@@ -27,13 +27,13 @@ def oscillate(x: View, stiffness: float, damping: float) -> Array:
     j, dt = x.joints[0], x.dt
     along = x.whole.sensitivity
     m, c, k = (
-        _middle(signal)
+        np.asarray((signal[1:] + signal[:-1]) / 2)  # at midpoints between samples
         for signal in (x.inertia[:, 0], damping + along.velocity[:, j, j], stiffness + along.position[:, j, j])
     )
     if m.min() <= 0:  # a description without inertia cannot oscillate
         return np.zeros((len(m) + 1, 1))
     turns = np.arange(len(m)) * dt * np.sqrt(abs(k / m)) / (2 * np.pi)
-    c = c + 2 * np.sqrt(m * abs(k)) * np.clip(1 - turns / SETTLING, 0, 1) ** 2
+    c = c + 2 * np.sqrt(m * abs(k)) * np.clip(1 - turns / SETTLING_PERIODS, 0, 1) ** 2
     force = -x.load[:, 0]
     rate = np.diff(force) / dt
     start, drift = force[:-1] / k - c * rate / k**2, rate / k  # the particular solution start + drift t
@@ -58,8 +58,3 @@ def chain(own: Array, added: Array, first: Array) -> Array:
     band = np.zeros((4, 2 * added.shape[1] + 2))
     band[2, 0:-2:2], band[1, 1:-1:2], band[3, 0:-2:2], band[2, 1:-1:2] = -own.reshape(4, -1)
     return np.asarray(dtbsv(3, band, np.append(first, added.T.ravel()), lower=1, diag=1)).reshape(-1, 2)
-
-
-def _middle(signal: Array) -> Array:
-    """Midpoints between samples, (N - 1,)."""
-    return np.asarray((signal[1:] + signal[:-1]) / 2)

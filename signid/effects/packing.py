@@ -9,7 +9,7 @@ from ..types import Law
 from . import DRIVE_EFFECTS, EFFECTS
 from .drive import DriveLaw
 
-MOTOR = "motor_friction"  # effect of the number `load_friction` of a drive
+MOTOR_FRICTION = "motor_friction"  # effect of the number `load_friction` of a drive
 
 
 def drive_laws(servo: Servo, joint: int) -> Iterator[Law]:
@@ -30,7 +30,7 @@ def drive_laws(servo: Servo, joint: int) -> Iterator[Law]:
 
 def motor_friction(servo: Servo, joint: int) -> Law:
     """Friction by motor torque at a joint; its torque depends on the other laws of the joint, so it repeats them."""
-    effect = EFFECTS[MOTOR]
+    effect = EFFECTS[MOTOR_FRICTION]
     values = (servo.load_friction, servo.armature, servo.viscous_friction, servo.coulomb_friction, servo.torque_offset)
     return Law(effect, (joint,), dict(zip(effect.parameters, values, strict=True)))
 
@@ -40,7 +40,7 @@ def with_law(servo: Servo, law: Law) -> Servo:
     name = law.effect.name
     if isinstance(law.effect, DriveLaw):
         return law.effect.packed(servo, law.parameters)
-    if name == MOTOR:
+    if name == MOTOR_FRICTION:
         return servo.with_(load_friction=law.parameters["coefficient"])
     if name in JOINT_LAWS:
         return servo.with_(**{JOINT_LAWS[name][key]: float(x) for key, x in law.parameters.items()})

@@ -4,7 +4,7 @@ from ..types import Coefficient
 from .base import Numbers
 from .bodies import INERTIA, MOMENT, AddedBody, point_inertia
 
-VALUES = (1.0, 0.05, 0.02, 0.08, 0.0088, -0.001, 0.0109, -0.004, -0.0016, 0.0049)
+EXAMPLE_VALUES = (1.0, 0.05, 0.02, 0.08, 0.0088, -0.001, 0.0109, -0.004, -0.0016, 0.0049)
 
 
 class PayloadLaw(AddedBody):
@@ -15,7 +15,7 @@ class PayloadLaw(AddedBody):
     headline = "a payload of {mass}"
     typical = "up to the rated payload: 3 kg (Panda), 5 kg (UR5), 10 kg (UR10E)"
     parameters = {"mass": Coefficient("kg", positive=True), **AddedBody.parameters}
-    example = dict(zip(parameters, VALUES, strict=True))
+    example = dict(zip(parameters, EXAMPLE_VALUES, strict=True))
     scope = "tip"
     twins = ("link_inertia", "counterbalance", "encoder_offset")
 

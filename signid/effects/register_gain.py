@@ -8,7 +8,7 @@ from ..servos import Servo
 from .drive import Reach, Twin, scaled
 from .servo_gain import ServoGain
 
-NEAR = 0.04  # [1] of a power of two in which a ratio counts as one
+RATIO_TOLERANCE = 0.04  # [1] of a power of two in which a ratio counts as one
 
 
 class RegisterGain(ServoGain):
@@ -32,7 +32,7 @@ class RegisterGain(ServoGain):
         """Registers are scaled by powers of two: other ratios are errors of the gain itself."""
         octaves = np.log2(max(after.kp, 1e-9) / before.kp)
         power = round(float(octaves))
-        return 2.0 if power and abs(2.0 ** (octaves - power) - 1) < NEAR else 1e-4
+        return 2.0 if power and abs(2.0 ** (octaves - power) - 1) < RATIO_TOLERANCE else 1e-4
 
 
 PLUGIN = RegisterGain()

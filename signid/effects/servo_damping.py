@@ -6,7 +6,7 @@ from ..servos import Servo
 from ..types import Array, Coefficient
 from .drive import DriveLaw, DriveState, Reach, Twin
 
-OFF = "let the joint swing with the drive off: viscous friction stays, the damping of the drive does not"
+DRIVE_OFF_ADVICE = "let the joint swing with the drive off: viscous friction stays, the damping of the drive does not"
 
 
 class ServoDamping(DriveLaw):
@@ -23,7 +23,7 @@ class ServoDamping(DriveLaw):
     stage, numbers = "damping", {"kd": "kd"}
     fault, variable = "the damping of the drive is not the stated one", "velocity"
     tolerance = 0.05
-    rivals = (Twin("viscous_friction", OFF),)
+    rivals = (Twin("viscous_friction", DRIVE_OFF_ADVICE),)
 
     def acts(self, x: DriveState, kd: float) -> Array:
         return x.torque - kd * x.v

@@ -3,7 +3,7 @@
 from ..types import Array, Coefficient, View
 from .base import Numbers, RecordingLaw
 
-FACTOR = (0.3, 3.3)  # accepted ratio of recorded to true torque; beyond it, the quantity or unit is wrong
+GAIN_LIMITS = (0.3, 3.3)  # accepted ratio of recorded to true torque; beyond it, the quantity or unit is wrong
 
 
 class TorqueGain(RecordingLaw):
@@ -21,7 +21,7 @@ class TorqueGain(RecordingLaw):
 
     def possible_value(self, parameters: Numbers) -> bool:
         """Whether the factor is neither near zero, where torque vanishes, nor so large that the unit is wrong."""
-        return FACTOR[0] <= 1 + parameters["error"] <= FACTOR[1]
+        return GAIN_LIMITS[0] <= 1 + parameters["error"] <= GAIN_LIMITS[1]
 
     def recorded_torque(self, x: View, error: float) -> Array:
         return (1 + error) * x.torque

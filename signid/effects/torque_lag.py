@@ -6,7 +6,7 @@ from scipy.linalg import solve_banded
 from ..types import Array, Coefficient, View
 from .base import RecordingLaw
 
-SHORTEST = 1e-3  # smallest time constant [sample periods], invisible in any recording
+MIN_LAG_PERIODS = 1e-3  # smallest time constant [sample periods], invisible in any recording
 
 
 class TorqueLag(RecordingLaw):
@@ -22,7 +22,7 @@ class TorqueLag(RecordingLaw):
 
     def recorded_torque(self, x: View, time_constant: float) -> Array:
         """Filtered torque, exact for torque linear between samples, in steady state at the first sample."""
-        time_constant = max(time_constant, x.dt * SHORTEST)
+        time_constant = max(time_constant, x.dt * MIN_LAG_PERIODS)
         keep = np.exp(-x.dt / time_constant)
         slope = (1 - keep) * time_constant / x.dt
         torque = x.torque.reshape(len(x.torque), -1)

@@ -13,11 +13,11 @@ from ..regression.motion import Motion, base_rows
 from ..regression.rows import Task
 from ..types import INERTIAL, Array, BaseMap, Estimate, Frozen, Robot
 
-ENOUGH = 0.02  # [1] smallest share of the information of random motion of equal size, in the weakest direction
+MIN_INFO = 0.02  # [1] smallest share of the information of random motion of equal size, in the weakest direction
 IN_STEP = 0.98  # [1] correlation of two joints' velocities from which on they move in step
-AT_REST = 0.01  # [1] rms velocity below which a joint is at rest, over that of the fastest joint
-STATES = 2000  # states of the random motion
-MASS_SHARE, LENGTH = 0.3, 0.1  # prior uncertainty of inertials: 30 % of the mass [1], at 10 cm [m]
+MAX_REST = 0.01  # [1] rms velocity below which a joint is at rest, over that of the fastest joint
+RANDOM_STATES = 2000  # states of the random motion
+PRIOR_MASS_SHARE, PRIOR_LENGTH = 0.3, 0.1  # prior uncertainty of inertials: 30 % of the mass [1], at 10 cm [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,7 @@ class ExcitationVerdict(Frozen):
     @property
     def sufficient(self) -> bool:
         """Whether every direction has enough information."""
-        return bool(self.shares[0] >= ENOUGH) if len(self.shares) else False
+        return bool(self.shares[0] >= MIN_INFO) if len(self.shares) else False
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -53,8 +53,8 @@ class ExcitationVerdict(Frozen):
         found += [f"{_joints(group)} moved in step: move them out of step" for group in self.in_step]
         found.append(
             f"the motion gives {max(self.shares[0], 0):.2%} of the information of random motion of the same size (at "
-            f"least {ENOUGH:.0%} is needed): {_listed(self.unidentified)} cannot be identified; record a motion by "
-            f"signid excite"
+            f"least {MIN_INFO:.0%} is needed): {_join_names(self.unidentified)} cannot be identified; record a motion "
+            f"by signid excite"
         )
         return tuple(found)
 
@@ -90,9 +90,9 @@ def judge_excitation(task: Task, factors: Factors, estimated: Estimate, seed: in
     directions = np.linalg.solve(root.T, vectors)
     torque = np.array([np.sqrt(f.whole[-1, -1] / max(f.rows, 1)) for f in factors.joints])
     prior = _prior_sizes(robot, base, torque, speed)
-    weak = [_largest(directions[:, k] / size / prior) for k in np.flatnonzero(shares < ENOUGH)]
+    weak = [_leading_indices(directions[:, k] / size / prior) for k in np.flatnonzero(shares < MIN_INFO)]
     uncertain = estimated.std > prior
-    resting = np.flatnonzero((speed <= AT_REST * speed.max(initial=1e-300)) & (speed.max() > 0))
+    resting = np.flatnonzero((speed <= MAX_REST * speed.max(initial=1e-300)) & (speed.max() > 0))
     return ExcitationVerdict(
         shares=shares,
         prior=prior,
@@ -111,12 +111,12 @@ def _prior_sizes(robot: Robot, base: BaseMap, torque: Array, speed: Array) -> Ar
         if label.joint is None:
             body = robot.model.inertias[k // 10 + 1]
             order = {"m": 0, "mx": 1, "my": 1, "mz": 1}.get(INERTIAL[k % 10], 2)
-            sizes.append(MASS_SHARE * max(body.mass, 0.1) * LENGTH**order)
+            sizes.append(PRIOR_MASS_SHARE * max(body.mass, 0.1) * PRIOR_LENGTH**order)
         elif "kg" in label.unit:
-            sizes.append(MASS_SHARE)
+            sizes.append(PRIOR_MASS_SHARE)
         else:
             per = max(speed[label.joint], 0.05) if ".s/" in label.unit else 1.0
-            sizes.append(MASS_SHARE * torque[label.joint] / per)
+            sizes.append(PRIOR_MASS_SHARE * torque[label.joint] / per)
     return np.asarray(np.maximum(np.sqrt((base.combination**2) @ np.array(sizes) ** 2), 1e-300))
 
 
@@ -127,19 +127,19 @@ def _random_information(
     rng, n = np.random.default_rng(seed), len(speed)
     floor = 0.05 * speed.max(initial=1e-300)  # a joint at rest is compared with one that moves a little
     width = np.maximum((factors.upper - factors.lower) / 2, 1e-3)
-    q = (factors.upper + factors.lower) / 2 + width * rng.uniform(-1, 1, (STATES, n))
-    v = rng.standard_normal((STATES, n)) * np.maximum(speed, floor)
-    a = rng.standard_normal((STATES, n)) * np.maximum(acceleration, 0.05 * acceleration.max(initial=1e-300))
-    motion = Motion(task.robot, np.arange(STATES, dtype=np.float64), np.asarray(q), v, a)
+    q = (factors.upper + factors.lower) / 2 + width * rng.uniform(-1, 1, (RANDOM_STATES, n))
+    v = rng.standard_normal((RANDOM_STATES, n)) * np.maximum(speed, floor)
+    a = rng.standard_normal((RANDOM_STATES, n)) * np.maximum(acceleration, 0.05 * acceleration.max(initial=1e-300))
+    motion = Motion(task.robot, np.arange(RANDOM_STATES, dtype=np.float64), np.asarray(q), v, a)
     columns = base_rows(motion, task.laws, task.wanted)
     out = np.zeros((task.base.rank, task.base.rank))
     for j, x in enumerate(columns):
         seen = task.seen(j)
-        out[np.ix_(seen, seen)] += weight[j] * factors.joints[j].rows / STATES * x.T @ x
+        out[np.ix_(seen, seen)] += weight[j] * factors.joints[j].rows / RANDOM_STATES * x.T @ x
     return out
 
 
-def _largest(direction: Array, count: int = 3) -> tuple[int, ...]:
+def _leading_indices(direction: Array, count: int = 3) -> tuple[int, ...]:
     order = np.argsort(-np.abs(direction))[:count]
     return tuple(int(i) for i in order if abs(direction[i]) > 0.1 * abs(direction[order[0]]))
 
@@ -156,21 +156,21 @@ def _in_words(robot: Robot, base: BaseMap, which: Iterable[int]) -> tuple[str, .
             kind, owner = label.name.rsplit("_", 1)[0].replace("_", " "), robot.joints[label.joint or 0]
         owners.setdefault(f"the {kind} of {'link' if label.body is not None else 'joint'}", []).append(owner)
     unique = {kind: sorted(set(found), key=found.index) for kind, found in owners.items()}
-    return tuple(f"{kind}{'s' if len(found) > 1 else ''} {_listed(found)}" for kind, found in unique.items())
+    return tuple(f"{kind}{'s' if len(found) > 1 else ''} {_join_names(found)}" for kind, found in unique.items())
 
 
 def in_step(velocity: Array) -> tuple[tuple[int, ...], ...]:
     """Groups of joints with proportional velocities; velocity (n, n) [rad2/s2, m.rad/s2 or m2/s2]: mean products."""
     speed = np.sqrt(np.diag(velocity))
     size = np.where(speed > 0, speed, np.inf)
-    alike = (np.abs(velocity / size[:, None] / size) > IN_STEP) & (speed > AT_REST * speed.max(initial=1e-300))
+    alike = (np.abs(velocity / size[:, None] / size) > IN_STEP) & (speed > MAX_REST * speed.max(initial=1e-300))
     groups = dict.fromkeys(tuple(np.flatnonzero(row).tolist()) for row in alike)
     return tuple(group for group in groups if len(group) > 1)
 
 
 def _joints(names: Sequence[str]) -> str:
-    return f"joint{'s' if len(names) > 1 else ''} {_listed(names)}"
+    return f"joint{'s' if len(names) > 1 else ''} {_join_names(names)}"
 
 
-def _listed(names: Sequence[str]) -> str:
+def _join_names(names: Sequence[str]) -> str:
     return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)

@@ -10,8 +10,8 @@ from ..regression.factors import Factors
 from ..regression.session import Session
 from ..types import Array, Frozen, Indices, Result, Robot
 
-LITTLE = 0.5  # [1] held-out R2 below which a joint's torque is poorly predicted
-CONSTANT = 1e-12  # [1] variance of a torque, over its power, below which it is constant up to rounding
+MIN_R2 = 0.5  # [1] held-out R2 below which a joint's torque is poorly predicted
+CONSTANT_TORQUE_SHARE = 1e-12  # [1] variance of a torque, over its power, below which it is constant up to rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +61,7 @@ class Fit(Result):
         """A sentence on each joint whose torque is poorly predicted, or whose held-out torque is constant."""
         found = []
         for joint, rms, r2 in zip(self.joints, self.held_out_rms, self.held_out_r2, strict=True):
-            if r2 < LITTLE:
+            if r2 < MIN_R2:
                 found.append(
                     f"the model predicts little of the torque of {joint} (held-out R2 {r2:.2f}): it lacks an effect "
                     f"there, or the torque does not belong to this motion; run signid check and signid diagnose"
@@ -109,7 +109,7 @@ def fit_rows(
     rows; None: nothing was fitted, the training rms is NaN. The rms irreducible (n,) [N.m or N] is of all that no model
     could predict; None: the noise floor.
     """
-    spread = np.nansum((torque - _mean(torque)) ** 2, axis=0)
+    spread = np.nansum((torque - _finite_mean(torque)) ** 2, axis=0)
     return Fit(
         joints=robot.joints,
         unit=_units(robot),
@@ -123,14 +123,14 @@ def fit_rows(
 
 def rms_of(x: Array) -> Array:
     """Root mean square (n,) [unit of x] over the rows of x (M, n) [any unit] that are not NaN; NaN if all are."""
-    return np.asarray(np.sqrt(_mean(x**2)))
+    return np.asarray(np.sqrt(_finite_mean(x**2)))
 
 
 def _units(robot: Robot) -> tuple[str, ...]:
     return tuple("N" if prismatic else "N.m" for prismatic in robot.prismatic)
 
 
-def _mean(x: Array) -> Array:
+def _finite_mean(x: Array) -> Array:
     """Mean (n,) over the finite rows; NaN if there is none."""
     count = np.sum(np.isfinite(x), axis=0)
     return np.asarray(np.nansum(x, axis=0) / np.where(count > 0, count, np.nan))
@@ -146,5 +146,5 @@ def factor_rms(factors: Factors, value: Array) -> tuple[Array, Array]:
         rest = max(float(c @ joint.whole @ c), 0.0)
         spread = joint.whole[-1, -1] - joint.total**2 / joint.rows
         rms[j] = np.sqrt(rest / joint.rows)
-        r2[j] = 1 - rest / spread if spread > CONSTANT * joint.whole[-1, -1] else np.nan
+        r2[j] = 1 - rest / spread if spread > CONSTANT_TORQUE_SHARE * joint.whole[-1, -1] else np.nan
     return rms, r2

@@ -11,30 +11,30 @@ import numpy as np
 from ..regression.factors import Factors, JointFactors, RowSample
 from ..types import Array, BaseMap, Estimate, Indices, Mask
 
-PROCESSES = ("v", "l", "q", "vl", "qv")  # states of each process: velocity, load, position
+PROCESS_STATES = ("v", "l", "q", "vl", "qv")  # states of each process: velocity, load, position
 # Length, thresholds and number of processes were chosen on the recordings of tests/test_estimation_real_intervals.py
 # and on simulations of `benchmarks.coverage`: intervals contain the truth as often as their nominal coverage on both.
-LENGTH = 0.3  # [standard deviations of the state] correlation length of a process
-APART, LAGS = 0.6, 6.0  # [s], [rows] distance in time from which on noise is uncorrelated
-REDUCTION = 1.0  # [standard errors under noise] subtracted from each variance
-FEWEST = 10  # smallest number of rows of a joint
-SMALLEST_VARIANCE = 1e-100  # [N2.m2 or N2] of noise, of a torque without any; products of its inverse are finite
-BLOCK = 32  # rows of which those that are close in time are taken together
+CORRELATION_LENGTH = 0.3  # [standard deviations of the state] correlation length of a process
+NOISE_TIME, NOISE_ROWS = 0.6, 6.0  # [s], [rows] distance in time from which on noise is uncorrelated
+VARIANCE_REDUCTION = 1.0  # [standard errors under noise] subtracted from each variance
+MIN_JOINT_ROWS = 10  # smallest number of rows of a joint
+MIN_VARIANCE = 1e-100  # [N2.m2 or N2] of noise, of a torque without any; products of its inverse are finite
+BLOCK_ROWS = 32  # rows of which those that are close in time are taken together
 # Relative standard deviation of friction between recordings. Measured on joints 4 to 6 of a UR10e, five recordings
 # within three weeks, variance of noise subtracted (data: Mamedov, Mikhel, Frontiers in Robotics and AI 7, 2020). Their
 # residuals show almost no discrepancy: one recording alone cannot show this change. Temperature is the likely cause.
 VISCOUS_DRIFT, COULOMB_DRIFT = 0.05, 0.02  # [1] of the coefficient
-FRICTION = {"N.m.s/rad": VISCOUS_DRIFT, "N.s/m": VISCOUS_DRIFT, "N.m": COULOMB_DRIFT, "N": COULOMB_DRIFT}
-ROUNDS = 8  # largest number of iterations between noise model and solution
-SETTLED = 1e-6  # [1] relative change of the autocovariances at convergence
-SINGULAR = 1e-10  # [1] smallest eigenvalue of an identifiable direction, over the largest of the scaled Gram matrix
-FLOOR = 1e-14  # [1] smallest noise variance over the torque's power: rounding
-FEW = 2.0  # [rows per column] below this a fit hides the noise
-FEW_ROWS_NOISE = 1e-3  # [1] smallest noise variance of joints with so few rows, over the torque's power
-PENALTY = 2.0  # [1] penalty per order of the noise model: Akaike's criterion
-LEAST = 0.05  # [1] smallest variance over that under white noise
-STABLE = 0.98  # [1] largest reflection coefficient
-WEAK_INSTRUMENT = 3.0  # [1] median standard deviation over that of least squares from which on instruments are weak
+DRIFTS = {"N.m.s/rad": VISCOUS_DRIFT, "N.s/m": VISCOUS_DRIFT, "N.m": COULOMB_DRIFT, "N": COULOMB_DRIFT}
+MAX_NOISE_ROUNDS = 8  # largest number of iterations between noise model and solution
+AUTOCOVARIANCE_TOLERANCE = 1e-6  # [1] relative change of the autocovariances at convergence
+MIN_EIGENVALUE = 1e-10  # [1] of an identifiable direction, over the largest of the scaled Gram matrix
+MIN_NOISE_SHARE = 1e-14  # [1] smallest noise variance over the torque's power: rounding
+MIN_COLUMN_ROWS = 2.0  # [rows per column] below this a fit hides the noise
+FEW_ROWS_NOISE_SHARE = 1e-3  # [1] smallest noise variance of joints with so few rows, over the torque's power
+ORDER_PENALTY = 2.0  # [1] penalty per order of the noise model: Akaike's criterion
+MIN_VARIANCE_RATIO = 0.05  # [1] smallest variance over that under white noise
+MAX_REFLECTION = 0.98  # [1] largest reflection coefficient
+MAX_DEVIATION_RATIO = 3.0  # [1] median standard deviation over that of least squares from which on instruments are weak
 
 
 class _Joint(NamedTuple):
@@ -64,13 +64,13 @@ def discrepancy_covariance(
     components by quadratic forms).
     """
     joints = {j: _joint(sample, j, seen, value, variance[j], white) for j in range(len(seen))}
-    used = {j: joint for j, joint in joints.items() if len(joint.rest) >= FEWEST}
+    used = {j: joint for j, joint in joints.items() if len(joint.rest) >= MIN_JOINT_ROWS}
     spread, sizes = np.zeros_like(white), np.zeros(len(seen))
     for j, joint in used.items():
-        own, sizes[j] = _processes(joint)
+        own, sizes[j] = _process_covariance(joint)
         spread[np.ix_(joint.columns, joint.columns)] += own
-    late = _delay(list(used.values()), white)
-    drift = _drift(used, sizes, base, value)
+    late = _delay_error(list(used.values()), white)
+    drift = _drift_std(used, sizes, base, value)
     return white @ spread @ white + np.outer(late, late) + (base.combination * drift**2) @ base.combination.T
 
 
@@ -78,7 +78,7 @@ def _joint(sample: RowSample, j: int, seen: Sequence[Indices], value: Array, var
     here, columns = np.flatnonzero(sample.kept[:, j]), seen[j]
     here = here[np.argsort(sample.number[here], kind="stable")]
     x = sample.of(j, seen)[here]
-    load, weight = x @ value[columns], sample.stride / max(variance, SMALLEST_VARIANCE)
+    load, weight = x @ value[columns], sample.stride / max(variance, MIN_VARIANCE)
     turn = white[np.ix_(columns, columns)] * weight
     state = {"q": sample.q[here, j], "v": sample.v[here, j], "l": load}
     return _Joint(
@@ -87,7 +87,7 @@ def _joint(sample: RowSample, j: int, seen: Sequence[Indices], value: Array, var
         sample.torque[here, j] - load,
         sample.slope[here, j],
         {name: signal / max(float(np.std(signal)), 1e-300) for name, signal in state.items() if len(signal)},
-        list(_close(np.asarray(sample.number[here] * sample.period), max(APART, LAGS * sample.period))),
+        list(_near_rows(np.asarray(sample.number[here] * sample.period), max(NOISE_TIME, NOISE_ROWS * sample.period))),
         weight,
         turn,
         x @ turn,
@@ -95,38 +95,38 @@ def _joint(sample: RowSample, j: int, seen: Sequence[Indices], value: Array, var
     )
 
 
-def _close(time: Array, apart: float) -> Iterator[tuple[slice, slice, Mask]]:
-    """Rows (K,) at ascending times [s], `BLOCK` at a time, with the rows less than `apart` [s] from any of them."""
-    for start in range(0, len(time), BLOCK):
-        rows = time[start : start + BLOCK]
+def _near_rows(time: Array, apart: float) -> Iterator[tuple[slice, slice, Mask]]:
+    """Rows (K,) at ascending times [s], `BLOCK_ROWS` at a time, with the rows less than `apart` [s] from any."""
+    for start in range(0, len(time), BLOCK_ROWS):
+        rows = time[start : start + BLOCK_ROWS]
         low, high = np.searchsorted(time, (rows[0] - 1.1 * apart, rows[-1] + 1.1 * apart))  # not to round there
-        yield slice(start, start + BLOCK), slice(low, high), np.abs(rows[:, None] - time[low:high]) < apart
+        yield slice(start, start + BLOCK_ROWS), slice(low, high), np.abs(rows[:, None] - time[low:high]) < apart
 
 
-def _processes(joint: _Joint) -> tuple[Array, float]:
+def _process_covariance(joint: _Joint) -> tuple[Array, float]:
     """Covariance (m, m) of the normal equations' right-hand side due to discrepancy; its variance [N2.m2 or N2]."""
     spread, size = np.zeros((len(joint.columns),) * 2), 0.0
     signals, projected = (np.column_stack([x, joint.rest]) for x in (joint.x, joint.taken))
-    single = {name: _likeness(state) for name, state in joint.state.items()}
-    for names in PROCESSES:
+    single = {name: _process_correlation(state) for name, state in joint.state.items()}
+    for names in PROCESS_STATES:
         like = single[names] if len(names) == 1 else single[names[0]] * single[names[1]]
         reach = like @ signals
         right = joint.x.T @ reach[:, :-1]
-        variance = _variance(joint, like, reach, right, projected)
+        variance = _process_variance(joint, like, reach, right, projected)
         spread += variance * joint.weight**2 * right
         size += variance
     return spread, size
 
 
-def _likeness(state: Array) -> Array:
+def _process_correlation(state: Array) -> Array:
     """Correlation (K, K) of a process at K states (K,), in standard deviations."""
     like = state[:, None] - state
     like *= like
-    like *= -0.5 / LENGTH**2
+    like *= -0.5 / CORRELATION_LENGTH**2
     return np.exp(like, out=like)
 
 
-def _variance(joint: _Joint, like: Array, reach: Array, right: Array, projected: Array) -> float:
+def _process_variance(joint: _Joint, like: Array, reach: Array, right: Array, projected: Array) -> float:
     """Variance of a process [N2.m2 or N2], from products of residuals at similar states and distant times.
 
     The residual is (1 - P) (noise + process), P = taken @ x'; the expectations of both terms are traces. They follow
@@ -146,10 +146,10 @@ def _variance(joint: _Joint, like: Array, reach: Array, right: Array, projected:
     noise = power / max(len(joint.rest) - float(np.vdot(taken, x)) / joint.stride, 1.0)
     products = float(joint.rest @ near[:, -1]) + noise * float(np.vdot(pairs, x)) / joint.stride
     error = noise * np.sqrt(2 * squares)
-    return float(np.clip((products - REDUCTION * error) / across, 0.0, power / within))
+    return float(np.clip((products - VARIANCE_REDUCTION * error) / across, 0.0, power / within))
 
 
-def _delay(joints: Sequence[_Joint], white: Array) -> Array:
+def _delay_error(joints: Sequence[_Joint], white: Array) -> Array:
     """Error (b,) [units of base], one standard deviation with signs, that a common delay of all torques causes."""
     turn, power, product = np.zeros(len(white)), 0.0, 0.0
     for joint in joints:
@@ -163,7 +163,7 @@ def _delay(joints: Sequence[_Joint], white: Array) -> Array:
     return np.asarray(white @ turn * np.sqrt(max(excess, 0.0)))
 
 
-def _drift(joints: dict[int, _Joint], sizes: Array, base: BaseMap, value: Array) -> Array:
+def _drift_std(joints: dict[int, _Joint], sizes: Array, base: BaseMap, value: Array) -> Array:
     """Standard deviation (p,) [units of the labels] of each standard parameter between recordings.
 
     It is proportional to the discrepancy relative to friction, averaged over all joints, up to the measured drift.
@@ -172,14 +172,12 @@ def _drift(joints: dict[int, _Joint], sizes: Array, base: BaseMap, value: Array)
     place = {int(k): row for row, k in enumerate(base.independent)}
     drift, shares = np.zeros(len(base.labels)), []
     for j, joint in joints.items():
-        own = [
-            k for k, x in enumerate(base.labels) if k in place and x.joint == j and x.positive and x.unit in FRICTION
-        ]
+        own = [k for k, x in enumerate(base.labels) if k in place and x.joint == j and x.positive and x.unit in DRIFTS]
         rows = np.isin(joint.columns, [place[k] for k in own])
         power = float(np.mean((joint.x[:, rows] @ value[joint.columns[rows]]) ** 2))
         shares += [sizes[j] / power] if power > 0 else []
         for k in own:
-            drift[k] = FRICTION[base.labels[k].unit] * abs(value[place[k]])
+            drift[k] = DRIFTS[base.labels[k].unit] * abs(value[place[k]])
     share = float(np.sqrt(np.mean(shares))) if shares else 0.0
     return np.asarray(min(1.0, share / VISCOUS_DRIFT) * drift)
 
@@ -204,7 +202,7 @@ def estimate(
     prior: Array | None = None,
     whiten: bool = True,
     noise_grams: Sequence[Array] | None = None,
-    weakest: float = WEAK_INSTRUMENT,
+    weakest: float = MAX_DEVIATION_RATIO,
 ) -> Estimate:
     """Estimate base parameters by weighted least squares, with a covariance for coloured noise.
 
@@ -224,19 +222,19 @@ def estimate(
     """
     start = np.zeros(base.rank) if prior is None else prior
     noise = _first_noise(factors)
-    for _ in range(ROUNDS):
-        solution = _solve(factors, noise, start, noise_grams)
-        covariance = _covariance(factors, noise, solution)
+    for _ in range(MAX_NOISE_ROUNDS):
+        solution = _solve_weighted(factors, noise, start, noise_grams)
+        covariance = _coloured_covariance(factors, noise, solution)
         before = noise
         noise = [
             _model_noise(joint, columns, old.colour, solution, covariance, whiten)
-            for (joint, columns), old in zip(_each(factors), before, strict=True)
+            for (joint, columns), old in zip(_joint_columns(factors), before, strict=True)
         ]
         changes = ((new.colour, old.colour) for new, old in zip(noise, before, strict=True))
-        if all((np.abs(new - old) <= SETTLED * (old[0] + np.abs(old))).all() for new, old in changes):
+        if all((np.abs(new - old) <= AUTOCOVARIANCE_TOLERANCE * (old[0] + np.abs(old))).all() for new, old in changes):
             break
-    solution = _solve(factors, noise, start, noise_grams)
-    covariance = _positive(_covariance(factors, noise, solution), solution.inverse)
+    solution = _solve_weighted(factors, noise, start, noise_grams)
+    covariance = _positive_definite(_coloured_covariance(factors, noise, solution), solution.inverse)
     covariance[solution.unknown, solution.unknown] = np.inf
     scales = np.array([np.sqrt(n.colour[0]) for n in noise])
     found = Estimate(solution.value, covariance, solution.information, scales, tuple(n.order for n in noise))
@@ -262,16 +260,16 @@ def with_spread(found: Estimate, factors: Factors, base: BaseMap, whiten: bool =
     values, variances = (np.array(x) for x in zip(*((x.value, np.diag(x.covariance)) for x in alone), strict=True))
     spread = spread_between(values, variances)
     noise = [_Noise(0, np.array([size**2])) for size in found.noise]
-    parts = np.array([_solve(one, noise, found.value).information for _, one in factors.parts])
-    added = spread_covariance(spread, parts, _solve(factors, noise, found.value).inverse)
+    parts = np.array([_solve_weighted(one, noise, found.value).information for _, one in factors.parts])
+    added = spread_covariance(spread, parts, _solve_weighted(factors, noise, found.value).inverse)
     return replace(found, covariance=found.covariance + added, spread=spread)
 
 
-def _each(factors: Factors) -> Sequence[tuple[JointFactors, Indices]]:
+def _joint_columns(factors: Factors) -> Sequence[tuple[JointFactors, Indices]]:
     return list(zip(factors.joints, factors.columns, strict=True))
 
 
-def _own(gram: Array, columns: Indices) -> Array:
+def _plain_gram(gram: Array, columns: Indices) -> Array:
     """The part of Gram matrices (..., c, c) that belongs to [x y], without instruments."""
     return gram[..., -len(columns) - 1 :, -len(columns) - 1 :]
 
@@ -279,27 +277,27 @@ def _own(gram: Array, columns: Indices) -> Array:
 def _first_noise(factors: Factors) -> list[_Noise]:
     """White noise of the size of each joint's own least-squares residual."""
     found = []
-    for joint, columns in _each(factors):
-        gram = _own(joint.grams[0], columns)
+    for joint, columns in _joint_columns(factors):
+        gram = _plain_gram(joint.grams[0], columns)
         size = np.sqrt(np.maximum(np.diag(gram)[:-1], 1e-300))
-        inverse = np.linalg.pinv(gram[:-1, :-1] / np.outer(size, size), rcond=SINGULAR, hermitian=True)
+        inverse = np.linalg.pinv(gram[:-1, :-1] / np.outer(size, size), rcond=MIN_EIGENVALUE, hermitian=True)
         rest = gram[-1, -1] - (gram[:-1, -1] / size) @ inverse @ (gram[:-1, -1] / size)
-        variance = max(float(rest), _least(joint, columns) * gram[-1, -1], 1e-300) / max(joint.counts[0], 1)
+        variance = max(float(rest), _min_noise_share(joint, columns) * gram[-1, -1], 1e-300) / max(joint.counts[0], 1)
         found.append(_Noise(0, variance * (np.arange(len(joint.grams)) == 0)))
     return found
 
 
-def _least(joint: JointFactors, columns: Indices) -> float:
+def _min_noise_share(joint: JointFactors, columns: Indices) -> float:
     """Smallest noise variance, over the torque's power."""
-    return FLOOR if joint.counts[0] >= FEW * len(columns) else FEW_ROWS_NOISE
+    return MIN_NOISE_SHARE if joint.counts[0] >= MIN_COLUMN_ROWS * len(columns) else FEW_ROWS_NOISE_SHARE
 
 
-def _solve(
+def _solve_weighted(
     factors: Factors, noise: Sequence[_Noise], prior: Array, noise_grams: Sequence[Array] | None = None
 ) -> _Solution:
     information, right = np.zeros((len(prior), len(prior))), np.zeros(len(prior))
-    for j, ((joint, columns), model) in enumerate(zip(_each(factors), noise, strict=True)):
-        gram = _own(joint.grams[0], columns) / model.colour[0]
+    for j, ((joint, columns), model) in enumerate(zip(_joint_columns(factors), noise, strict=True)):
+        gram = _plain_gram(joint.grams[0], columns) / model.colour[0]
         information[np.ix_(columns, columns)] += gram[:-1, :-1]
         if noise_grams is not None:
             information[np.ix_(columns, columns)] -= noise_grams[j] / model.colour[0]
@@ -307,29 +305,29 @@ def _solve(
     size = np.sqrt(np.maximum(np.diag(information), 0))
     scale = np.divide(1, size, out=np.zeros_like(size), where=size > 0)
     values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
-    known = values > SINGULAR * max(values[-1], 1e-300)
+    known = values > MIN_EIGENVALUE * max(values[-1], 1e-300)
     inverse = (vectors[:, known] / values[known]) @ vectors[:, known].T * np.outer(scale, scale)
     unknown = (np.sum(vectors[:, ~known] ** 2, axis=1) > 1e-8) | (size == 0)
     return _Solution(prior + inverse @ (right - information @ prior), information, inverse, unknown)
 
 
-def _covariance(factors: Factors, noise: Sequence[_Noise], solution: _Solution) -> Array:
+def _coloured_covariance(factors: Factors, noise: Sequence[_Noise], solution: _Solution) -> Array:
     """Covariance (b, b) of weighted least squares under coloured noise."""
     spread = np.zeros_like(solution.inverse)
-    for (joint, columns), model in zip(_each(factors), noise, strict=True):
-        spread[np.ix_(columns, columns)] += _own(_spread(joint, model.colour), columns)[:-1, :-1]
+    for (joint, columns), model in zip(_joint_columns(factors), noise, strict=True):
+        spread[np.ix_(columns, columns)] += _plain_gram(_sum_covariance(joint, model.colour), columns)[:-1, :-1]
     return solution.inverse @ spread @ solution.inverse
 
 
-def _positive(covariance: Array, white: Array) -> Array:
+def _positive_definite(covariance: Array, white: Array) -> Array:
     """Covariance made positive definite, with at least a share of the white one; few lags miss slow noise."""
     size = np.sqrt(np.maximum(np.diag(white), 1e-300))
     values, vectors = np.linalg.eigh((covariance + covariance.T) / 2 / np.outer(size, size))
-    least = LEAST * np.einsum("ik,ij,jk->k", vectors, white / np.outer(size, size), vectors)
+    least = MIN_VARIANCE_RATIO * np.einsum("ik,ij,jk->k", vectors, white / np.outer(size, size), vectors)
     return np.asarray((vectors * np.maximum(values, least)) @ vectors.T * np.outer(size, size))
 
 
-def _spread(joint: JointFactors, r: Array) -> Array:
+def _sum_covariance(joint: JointFactors, r: Array) -> Array:
     """Covariance (c, c) of the weighted sums of rows times noise of autocovariance r."""
     out = joint.grams[0] / r[0]
     for d in np.flatnonzero(r[1:]) + 1:
@@ -346,11 +344,11 @@ def _model_noise(
     best, chosen = np.inf, phi
     for order in range(1, len(r) if whiten else 1):
         reflection = (r[order] - phi @ r[order - 1 : 0 : -1]) / variance
-        if abs(reflection) >= STABLE:
+        if abs(reflection) >= MAX_REFLECTION:
             break
         phi = np.append(phi - reflection * phi[::-1], reflection)
         variance *= 1 - reflection**2
-        criterion = count * np.log(variance) + order * PENALTY
+        criterion = count * np.log(variance) + order * ORDER_PENALTY
         if criterion < best:
             best, chosen = criterion, phi
     colour = r.copy()
@@ -367,7 +365,7 @@ def _autocovariances(
     For noise of covariance O and the projection P of weighted least squares, the residual has
     (1 - P) O (1 - P)' = O - P O - O P' + P O P'; each term's sum along a diagonal is a trace with a lagged Gram matrix.
     """
-    grams = _own(joint.grams, columns)  # (d, m + 1, m + 1)
+    grams = _plain_gram(joint.grams, columns)  # (d, m + 1, m + 1)
     c, part, lags = np.append(-solution.value[columns], 1.0), np.ix_(columns, columns), len(grams)
     forward = (solution.inverse[part] * grams[:, :-1, :-1]).reshape(lags, -1).sum(axis=1) / old[0]
     both = np.concatenate([forward[:0:-1], forward])  # trace at lags -(lags - 1) .. lags - 1
@@ -376,7 +374,7 @@ def _autocovariances(
     given = (covariance[part] * grams[:, :-1, :-1]).reshape(lags, -1).sum(axis=1)
     found = np.array([c @ gram @ c for gram in grams]) + taken - given
     r = found / np.maximum(joint.counts, 1)
-    r[0] = max(r[0], _least(joint, columns) * grams[0][-1, -1] / max(joint.counts[0], 1), 1e-300)
+    r[0] = max(r[0], _min_noise_share(joint, columns) * grams[0][-1, -1] / max(joint.counts[0], 1), 1e-300)
     return np.asarray(r)
 
 
@@ -384,13 +382,13 @@ def _with_instruments(factors: Factors, noise: Sequence[_Noise], plain: Estimate
     """Instrumental-variable estimate, or least squares if the instruments are weak."""
     b = len(plain.value)
     zx, zz, zy = np.zeros((b, b)), np.zeros((b, b)), np.zeros(b)
-    for (joint, columns), model in zip(_each(factors), noise, strict=True):
+    for (joint, columns), model in zip(_joint_columns(factors), noise, strict=True):
         gram, m = joint.grams[0] / model.colour[0], len(columns)
         zx[np.ix_(columns, columns)] += gram[:m, m : 2 * m]
-        zz[np.ix_(columns, columns)] += _spread(joint, model.colour)[:m, :m]
+        zz[np.ix_(columns, columns)] += _sum_covariance(joint, model.colour)[:m, :m]
         zy[columns] += gram[:m, -1]
     size = np.sqrt(np.maximum(np.diag(plain.information), 1e-300))
-    if not np.all(np.isfinite(plain.covariance)) or np.linalg.cond(zx / np.outer(size, size)) > 1 / SINGULAR:
+    if not np.all(np.isfinite(plain.covariance)) or np.linalg.cond(zx / np.outer(size, size)) > 1 / MIN_EIGENVALUE:
         return plain
     inverse = np.linalg.inv(zx / np.outer(size, size)) / np.outer(size, size)
     value, covariance = inverse @ zy, inverse @ zz @ inverse.T

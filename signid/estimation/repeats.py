@@ -15,13 +15,13 @@ from ..effects.base import Effect
 from ..errors import decimals, shorten
 from ..types import TWO_SIDED, Array, BaseMap, Law, Robot
 
-SURE = 0.001  # probability of such differences by chance, over all numbers, below which a number varies
+MAX_CHANCE = 0.001  # probability of such differences by chance, over all numbers, below which a number varies
 SERVO = "servo"  # effect of the numbers of a drive
-RIDGE = 1e-10  # [1] over the diagonal of the normal equations
-FEWEST_FREE = 2  # least degrees of freedom of Student's t: with one, two recordings would give useless intervals
+JACKKNIFE_RIDGE = 1e-10  # [1] over the diagonal of the normal equations
+MIN_DEGREES_OF_FREEDOM = 2  # of Student's t: with one, two recordings would give useless intervals
 
 
-class Varying(NamedTuple):
+class VaryingNumber(NamedTuple):
     """A number that differs between recordings by more than its intervals."""
 
     effect: str | None  # law, or SERVO; None: a base parameter
@@ -53,7 +53,7 @@ def spread_between(values: Array, variances: Array) -> Array:
     squares = np.sum(weight * (values - (weight * values).sum(0) / total) ** 2, axis=0)
     by_chance = chdtrc(np.maximum(count, 1), squares) * max(np.count_nonzero(count > 0), 1)
     free = np.maximum(total - (weight**2).sum(0) / total, 1e-300)
-    return np.where((count > 0) & (by_chance < SURE), np.sqrt(np.maximum(squares - count, 0) / free), 0.0)
+    return np.where((count > 0) & (by_chance < MAX_CHANCE), np.sqrt(np.maximum(squares - count, 0) / free), 0.0)
 
 
 def spread_covariance(spread: Array, parts: Array, inverse: Array) -> Array:
@@ -67,7 +67,7 @@ def spread_covariance(spread: Array, parts: Array, inverse: Array) -> Array:
     from scipy.special import stdtrit
 
     moved = inverse @ parts * spread
-    few = float(stdtrit(max(len(parts) - 1, FEWEST_FREE), 0.975)) / TWO_SIDED
+    few = float(stdtrit(max(len(parts) - 1, MIN_DEGREES_OF_FREEDOM), 0.975)) / TWO_SIDED
     return np.asarray(few**2 * np.einsum("rik,rjk->ij", moved, moved))
 
 
@@ -82,18 +82,18 @@ def jackknife_variance(square: Array, right: Array, precision: Array, first: int
 
     whole = square.sum(axis=0) + precision
     size = np.sqrt(np.maximum(np.diag(whole), 1e-300))
-    ridge = RIDGE * np.eye(len(size))
+    ridge = JACKKNIFE_RIDGE * np.eye(len(size))
     steps = np.linalg.solve((whole - square) / size / size[:, None] + ridge, (right / size)[..., None])[:, :first, 0]
     count, ratio = len(square), float(stdtrit(len(square) - 1, 0.975)) / TWO_SIDED
     return np.asarray(ratio**2 * (count - 1) * np.var(steps / size[:first], axis=0))
 
 
-def varying_numbers(robot: Robot, base: BaseMap, laws: Sequence[Law], spread: Array) -> tuple[Varying, ...]:
+def varying_numbers(robot: Robot, base: BaseMap, laws: Sequence[Law], spread: Array) -> tuple[VaryingNumber, ...]:
     """Base parameters that differ between recordings; single coefficients by their laws.
 
     spread: (b,) standard deviation between recordings [units of base].
     """
-    found = list[Varying]()
+    found = list[VaryingNumber]()
     for k in np.flatnonzero(spread).tolist():
         effect, joint, parameter = None, None, base.expressions[k]
         label = base.labels[lead := int(base.independent[k])]
@@ -103,11 +103,11 @@ def varying_numbers(robot: Robot, base: BaseMap, laws: Sequence[Law], spread: Ar
                 own = [i for i, other in enumerate(base.labels) if other.law == label.law]
                 effect, parameter = law.effect.name, [*law.effect.linear()][own.index(lead)]
                 joint = robot.joints[law.joints[0]]
-        found.append(Varying(effect, joint, parameter, float(spread[k]), base.units[k]))
+        found.append(VaryingNumber(effect, joint, parameter, float(spread[k]), base.units[k]))
     return tuple(found)
 
 
-def varying_sentence(varies: Sequence[Varying]) -> tuple[str, ...]:
+def varying_sentence(varies: Sequence[VaryingNumber]) -> tuple[str, ...]:
     """One sentence on the numbers that differ between recordings; none without any."""
     listed = shorten([one.words for one in varies], 4)
     said = "between recordings more than within them, and the intervals contain it (standard deviation)"

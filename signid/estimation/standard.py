@@ -17,12 +17,12 @@ from .feasible import fit_consistent, standard_from_base
 from .fit_quality import judge_fit
 from .pbrp import bounds_around, read_bounds, retrieve
 
-WORSE = 1.05  # [1] training rms over that of least squares, above which a fit that time cut short is dropped
-CUT_SHORT = (
+MAX_RMS_RATIO = 1.05  # [1] training rms over that of least squares, above which a fit that time cut short is dropped
+CUT_SHORT_NOTE = (
     "the {} fit that time cut short predicts torque worse than plain least squares, whose parameters are given instead "
     "(--method wls); they may be physically infeasible: allow more time"
 )
-METHODS = ("convex", "wls", "pbrp")  # the first is the default; the last is the default after a tree of sign choices
+STANDARD_METHODS = ("convex", "wls", "pbrp")  # the default is the first; after a tree of sign choices, the last
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Standard(NamedTuple):
 
 
 def choose_standard(session: Session, found: Estimate, method: str, search: Search, seed: int) -> Standard:
-    """Standard parameters of an estimate, by one of METHODS."""
+    """Standard parameters of an estimate, by one of STANDARD_METHODS."""
     base, prior = session.task.base, stated_parameters(session.task)
     if method == "wls":
         return Standard(standard_from_base(base, found.value, prior), 0.0)
@@ -80,7 +80,7 @@ def choose_in_time(
         return chosen, method
     value = session.task.base.combination @ chosen.parameters.values
     cut, plain = (judge_fit(session, train, train, v).train_rms for v in (value, found.value))
-    if not np.any(cut > WORSE * plain):
+    if not np.any(cut > MAX_RMS_RATIO * plain):
         return chosen, method
     fallback = choose_standard(session, found, "wls", search, seed)
-    return fallback._replace(flags=(*chosen.flags, CUT_SHORT.format(method))), "wls"
+    return fallback._replace(flags=(*chosen.flags, CUT_SHORT_NOTE.format(method))), "wls"

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..errors import OptionError, RecordingError
 from ..recording.missing import DISORDER, STANDSTILL, disorder
-from ..regression.session import PIECE, Part, Session
+from ..regression.session import BAND_SAMPLES, Part, Session
 from ..types import Array, Mask, Robot, Samples
 from .result import REFUSE, WARN, RecordingFault
 
@@ -267,7 +267,7 @@ def longest_rows(part: Part) -> Samples:
     """Raw samples of a recording's longest stretch, or its beginning if it is long."""
     recording, sampling = part
     start, stop = max(sampling.spans, key=lambda span: span[1] - span[0])
-    return recording.read(start, min(stop, start + PIECE))
+    return recording.read(start, min(stop, start + BAND_SAMPLES))
 
 
 @contextmanager

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..errors import shorten
 from ..estimation.excitation import ExcitationVerdict
-from ..estimation.fit_quality import LITTLE, Fit, judge_fit
+from ..estimation.fit_quality import MIN_R2, Fit, judge_fit
 from ..model import Model, stated_parameters
 from ..recording.sampling import select_stretches
 from ..regression.factors import Factors
@@ -119,8 +119,8 @@ def _bad(fit: Fit, variance: Array, sound: Mask) -> Iterator[str]:
     """
     ratio, r2 = _floors(fit), fit.held_out_r2
     wide = 1 - fit.held_out_rms**2 / np.maximum(variance, 1e-300)
-    hopeless = (ratio > LOUD) & (r2 < LITTLE) & (wide < LITTLE)
-    bad = sound & (hopeless | ((ratio > FAR) & ((r2 < LITTLE) | (wide < POOR))))
+    hopeless = (ratio > LOUD) & (r2 < MIN_R2) & (wide < MIN_R2)
+    bad = sound & (hopeless | ((ratio > FAR) & ((r2 < MIN_R2) | (wide < POOR))))
     if bad.any():
         each = [f"{fit.joints[j]} (held-out R2 {r2[j]:.2f})" for j in np.flatnonzero(bad)]
         yield (
@@ -163,7 +163,7 @@ def _holds(fault: RecordingFault, fit: Fit, lacks: Sequence[Lack]) -> bool:
     left = [(1 - lack.share) * (1 - r2[lack.joint]) for lack in lacks if lack.joint in fault.joints and not lack.moved]
     if any(x < YIELDS * (1 - claimed) for x in left):
         return False
-    return fault.kind != "unexplained torque" or not all(r2[joint] >= LITTLE for joint in fault.joints)
+    return fault.kind != "unexplained torque" or not all(r2[joint] >= MIN_R2 for joint in fault.joints)
 
 
 def _delay_sentence(delay: Delay) -> str:

@@ -15,7 +15,7 @@ from ..errors import OptionError
 from ..types import Array, Frozen
 
 Status = Literal["converged", "budget", "failed"]
-WALL = 1e100  # finite cost that replaces infinite and undefined costs
+WALL_COST = 1e100  # finite cost that replaces infinite and undefined costs
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +109,7 @@ class Watch:
         self(problem.start)  # some algorithms skip the start; the optimum must not be worse than it
 
     def __call__(self, x: Array) -> float:
-        """Cost at x: (d,) [any], `WALL` where it is not finite: some algorithms crash there, or never end."""
+        """Cost at x: (d,) [any], `WALL_COST` where it is not finite: some algorithms crash there, or never end."""
         if self.count >= max(self.evaluations, 1) or (self.count and time_is_up(self.problem.search)):
             raise BudgetSpentError
         self.count += 1
@@ -117,7 +117,7 @@ class Watch:
         inside = (x >= self.problem.lower) & (x <= self.problem.upper)  # some algorithms leave the bounds
         if value < self.value and np.all(inside):
             self.x, self.value = np.array(x), value
-        return value if np.isfinite(value) else WALL
+        return value if np.isfinite(value) else WALL_COST
 
     def gradient(self, x: Array) -> Array:
         """Gradient (d,) at x: (d,) [any], zero where it is not finite."""

@@ -10,8 +10,8 @@ import numpy as np
 from ..types import Array
 from .base import Optimiser, Optimum, Problem, Status, Watch
 
-_FAMILIES = ("GN_", "GD_", "LN_", "LD_", "G_", "AUGLAG")
-_LIMITS = (nlopt.MAXEVAL_REACHED, nlopt.MAXTIME_REACHED, nlopt.FORCED_STOP)
+_ALGORITHM_PREFIXES = ("GN_", "GD_", "LN_", "LD_", "G_", "AUGLAG")
+_LIMIT_CODES = (nlopt.MAXEVAL_REACHED, nlopt.MAXTIME_REACHED, nlopt.FORCED_STOP)
 
 
 class NLopt(Optimiser):
@@ -22,7 +22,7 @@ class NLopt(Optimiser):
 
     algorithms = (
         "LN_SBPLX",
-        *(name for name in sorted(dir(nlopt)) if name.startswith(_FAMILIES) and name != "LN_SBPLX"),
+        *(name for name in sorted(dir(nlopt)) if name.startswith(_ALGORITHM_PREFIXES) and name != "LN_SBPLX"),
     )
     needs_gradient = frozenset(name for name in algorithms if name.startswith(("GD_", "LD_")))
 
@@ -50,7 +50,7 @@ class NLopt(Optimiser):
         status: Status = "converged"
         try:
             run.optimize(problem.start)
-            status = "budget" if run.last_optimize_result() in _LIMITS else "converged"
+            status = "budget" if run.last_optimize_result() in _LIMIT_CODES else "converged"
         except nlopt.RoundoffLimited:  # converged to rounding
             pass
         except nlopt.ForcedStop:

@@ -14,20 +14,20 @@ from numpy.typing import NDArray
 from ..types import Array, Frozen, Mask, Samples
 
 Value = TypeVar("Value", bound=np.generic)
-FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0.0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
-SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
-HALF = 4  # samples that a difference needs on either side
+FIRST_DIFFERENCE = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0.0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
+SECOND_DIFFERENCE = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
+DIFFERENCE_REACH = 4  # samples that a difference needs on either side
 ATTENUATION = 60.0  # [dB] of the stop band of a low-pass; Kaiser's formulas hold from 50 on
-SEGMENT = 64  # smallest number of samples of a segment in `Decimator`, unless the filter is shorter
-HALF_POWER = 1.06  # [1] half-amplitude frequency of the low-pass over its half-power frequency
-NOISE_SHARE = 1e-3  # [1] largest noise power of the acceleration below the cut-off, over its signal power
-WIDEST = 6  # smallest number of samples per period of the cut-off
-CONTENT = 0.95  # [1] share of the acceleration's power that defines the highest frequency of the motion
-BEYOND = 3.0  # [1] largest cut-off over that frequency
-ALIKE, ROUGHLY, MANY = 0.01, 0.04, 2000.0  # [1] tolerance of the cut-off in `divided`, and above the rate MANY [Hz]
-FAST, ROOM = 250.0, 3.0  # [Hz] rate that is sufficient; smallest number of samples per period of the position cut-off
-ORDER = 6  # order of the differences that estimate encoder noise
-ENOUGH = 5.0  # [Hz] smallest cut-off that is aimed at, if noise allows
+MIN_SEGMENT_SAMPLES = 64  # smallest number of samples of a segment in `Decimator`, unless the filter is shorter
+HALF_POWER_RATIO = 1.06  # [1] half-amplitude frequency of the low-pass over its half-power frequency
+MAX_NOISE_SHARE = 1e-3  # [1] largest noise power of the acceleration below the cut-off, over its signal power
+MIN_CUTOFF_SAMPLES = 6  # smallest number of samples per period of the cut-off
+MOTION_POWER_SHARE = 0.95  # [1] share of the acceleration's power that defines the highest frequency of the motion
+MAX_CUTOFF_RATIO = 3.0  # [1] largest cut-off over that frequency
+CUTOFF_TOLERANCE, FAST_CUTOFF_TOLERANCE, FAST_RATE = 0.01, 0.04, 2000.0  # [1], above FAST_RATE [Hz]
+TARGET_RATE, POSITION_SAMPLES = 250.0, 3.0  # [Hz] sufficient; at least, per period of the position cut-off
+DIFF_ORDER = 6  # order of the differences that estimate encoder noise
+DESIRED_CUTOFF = 5.0  # [Hz] smallest cut-off that is aimed at, if noise allows
 
 
 def lowpass(rate: float, cutoff: float) -> Array:
@@ -53,7 +53,7 @@ def smooth(signal: Array, taps: Array, whole: bool = False) -> Array:
     """
     if whole:
         signal = np.pad(signal, ((len(taps) // 2,) * 2, (0, 0)), mode="edge")
-    return signal if len(taps) == 1 else _correlated(signal, taps)
+    return signal if len(taps) == 1 else _correlate(signal, taps)
 
 
 def differentiate(signal: Array, period: float) -> tuple[Array, Array]:
@@ -61,7 +61,7 @@ def differentiate(signal: Array, period: float) -> tuple[Array, Array]:
 
     Source: Fornberg, Mathematics of Computation 51, 1988, table 1 (eighth order).
     """
-    return _correlated(signal, FIRST / period), _correlated(signal, SECOND / period**2)
+    return _correlate(signal, FIRST_DIFFERENCE / period), _correlate(signal, SECOND_DIFFERENCE / period**2)
 
 
 def moving_minimum(signal: Array, half: int) -> Array:
@@ -87,7 +87,7 @@ class Decimator:
     def __init__(self, taps: Array, factor: int) -> None:
         self.taps, self.factor, self.half = taps, factor, len(taps) // 2
         self._reach = -(-len(taps) // factor)  # length of the taps in outputs
-        self.block = min(-(-SEGMENT // factor), self._reach if len(taps) > 1 else SEGMENT)
+        self.block = min(-(-MIN_SEGMENT_SAMPLES // factor), self._reach if len(taps) > 1 else MIN_SEGMENT_SAMPLES)
         self.segment = self.block * factor  # samples
         self._matrix = np.zeros((self.block + self._reach - 1, self.segment))
         for row in range(len(self._matrix)):  # this is output row - reach + 1, counted from the segment's first
@@ -124,7 +124,7 @@ class Decimator:
         return out
 
 
-def _correlated(signal: Array, taps: Array) -> Array:
+def _correlate(signal: Array, taps: Array) -> Array:
     """Correlation (N - k + 1, c) of each column with the taps; a value does not depend on its position."""
     out = np.empty((signal.shape[1], max(0, len(signal) - len(taps) + 1)))
     for row, column in zip(out, np.ascontiguousarray(signal.T), strict=True):
@@ -160,7 +160,7 @@ class Band(Frozen):
 
         The spectrum that aliases then fills what the filter removes, and white noise stays white.
         """
-        return lowpass(self.rate, HALF_POWER * self.cutoff) if self.filtered else np.ones(1)
+        return lowpass(self.rate, HALF_POWER_RATIO * self.cutoff) if self.filtered else np.ones(1)
 
     def decimator(self, parts: int = 1) -> Decimator:
         """Low-pass and decimation for every `parts`-th sample; the rows lie at the same times for any `parts`."""
@@ -177,7 +177,7 @@ class Band(Frozen):
         """Largest factor by which the rate could be lowered without loss in the band."""
         if not self.filtered:
             return 1
-        return max(1, min(round(self.rate / FAST), int(self.rate / (ROOM * self.position_cutoff))))
+        return max(1, min(round(self.rate / TARGET_RATE), int(self.rate / (POSITION_SAMPLES * self.position_cutoff))))
 
     @property
     def position_cutoff(self) -> float:
@@ -191,7 +191,7 @@ class Band(Frozen):
 
     def divided(self) -> Band:
         """Band of the same cut-off to 1 % (4 % above 2 kHz), whose factor has divisors for decimated columns."""
-        alike = ROUGHLY if self.rate > MANY else ALIKE
+        alike = FAST_CUTOFF_TOLERANCE if self.rate > FAST_RATE else CUTOFF_TOLERANCE
         factors = (parts * round(self.factor / parts) for parts in range(self._spare, 0, -1))
         factor = next(factor for factor in factors if abs(factor - self.factor) <= alike * self.factor)
         return replace(self, factor=factor, torque_floor=self.torque_floor * np.sqrt(self.factor / factor))
@@ -205,10 +205,10 @@ def choose_band(pieces: Sequence[Samples], rate: float, cutoff: float | None = N
     is used as it is; infinite: no filter.
     """
     longest = max(len(piece.t) for piece in pieces)
-    spectrum = _acceleration([piece.q for piece in pieces if 2 * len(piece.t) >= longest], rate)
+    spectrum = _acceleration_spectrum([piece.q for piece in pieces if 2 * len(piece.t) >= longest], rate)
     allowed, noise = spectrum.allowed, spectrum.level
-    widest = min(float(np.min(allowed)), rate / WIDEST)
-    needed = max(ENOUGH, BEYOND * spectrum.content(widest))
+    widest = min(float(np.min(allowed)), rate / MIN_CUTOFF_SAMPLES)
+    needed = max(DESIRED_CUTOFF, MAX_CUTOFF_RATIO * spectrum.content(widest))
     level = np.nanmedian([_white_level(piece.tau, rate) for piece in pieces], axis=0)
     if cutoff is not None and np.isinf(cutoff):
         return Band(rate, 1, False, allowed, _speed_noise(noise, rate / 2), np.sqrt(level * rate / 2))
@@ -219,7 +219,7 @@ def choose_band(pieces: Sequence[Samples], rate: float, cutoff: float | None = N
 
 def encoder_noise(q: Array) -> Array:
     """Standard deviation (n,) of white noise of positions q (N, n) [rad or m], from differences of high order."""
-    return np.asarray(np.sqrt(np.mean(np.diff(q, ORDER, axis=0) ** 2, axis=0) / comb(2 * ORDER, ORDER)))
+    return np.asarray(np.sqrt(np.mean(np.diff(q, DIFF_ORDER, axis=0) ** 2, axis=0) / comb(2 * DIFF_ORDER, DIFF_ORDER)))
 
 
 class _Acceleration(NamedTuple):
@@ -234,11 +234,11 @@ class _Acceleration(NamedTuple):
     def content(self, widest: float) -> float:
         """Frequency below which 95 % of the power up to `widest` lies, on the fastest joint [Hz]."""
         inside = np.cumsum(self.power * (self.frequency <= widest)[:, None], axis=0)[:, self.moves]
-        reached = inside > CONTENT * inside[-1]
+        reached = inside > MOTION_POWER_SHARE * inside[-1]
         return float(np.max(self.frequency[np.argmax(reached, axis=0)], initial=0.0))
 
 
-def _spectrum(x: Array, rate: float, length: int) -> Array:
+def _power_spectrum(x: Array, rate: float, length: int) -> Array:
     """Power spectrum (f, c) of a signal (N, c): mean over Hann windows that overlap by half.
 
     Source: Welch, IEEE Transactions on Audio and Electroacoustics 15(2), 1967.
@@ -252,11 +252,11 @@ def _spectrum(x: Array, rate: float, length: int) -> Array:
     return power
 
 
-def _acceleration(pieces: Sequence[Array], rate: float) -> _Acceleration:
+def _acceleration_spectrum(pieces: Sequence[Array], rate: float) -> _Acceleration:
     """Mean spectrum of pieces (N, n) [rad or m], weighted by their lengths."""
     shortest, sizes = min(map(len, pieces)), np.array([len(q) for q in pieces])
     length = max(min(shortest // 3, int(8 * rate)), 16)
-    spectra = np.array([_spectrum(np.diff(q, 2, axis=0) * rate**2, rate, length) for q in pieces])
+    spectra = np.array([_power_spectrum(np.diff(q, 2, axis=0) * rate**2, rate, length) for q in pieces])
     f: Array = np.asarray(np.fft.rfftfreq(length, 1 / rate))
     power = np.tensordot(sizes / sizes.sum(), spectra, axes=1)
     gain = (2 * rate * np.sin(np.pi * f / rate))[:, None] ** 4
@@ -264,7 +264,7 @@ def _acceleration(pieces: Sequence[Array], rate: float) -> _Acceleration:
     level = np.median(power[high] / gain[high], axis=0)
     noise = np.cumsum(level * gain, axis=0)
     signal = np.maximum(np.cumsum(power, axis=0) - noise, 1e-30)
-    fits = noise <= NOISE_SHARE * signal
+    fits = noise <= MAX_NOISE_SHARE * signal
     last = np.maximum(len(f) - 1 - np.argmax(fits[::-1], axis=0), 1)
     moves = np.max([np.ptp(q, axis=0) for q in pieces], axis=0) > 0
     allowed = np.where(moves, f[last], np.inf)

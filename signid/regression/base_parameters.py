@@ -13,10 +13,10 @@ from .motion import Motion, labels, regressor
 
 RANK_TOLERANCE = 1e-5  # [1] smallest singular value that counts, over the largest, columns scaled
 KEEP_TOLERANCE = 1e-5  # [1] smallest share of an independent column that is orthogonal to the columns kept
-REST = 1e-9  # [1] share of a random velocity that leaves its direction and no inertial torque
-ZERO = 1e-9  # smallest coefficient that is printed
-SNAP = 2e-3  # [1] distance from 0 or 1 below which a rotation entry is that of an angle typed with few digits (3.14)
-DIGITS = 6  # significant digits of a printed coefficient
+REST_VELOCITY_SHARE = 1e-9  # [1] share of a random velocity that leaves its direction and no inertial torque
+MIN_PRINTED_COEFFICIENT = 1e-9  # smallest coefficient that is printed
+MAX_SNAP_DISTANCE = 2e-3  # [1] of a rotation entry from 0 or 1, if its angle was typed with few digits (3.14)
+COEFFICIENT_DIGITS = 6  # significant digits of a printed coefficient
 
 
 def build_base(
@@ -30,10 +30,10 @@ def build_base(
 
     Source: Gautier, Khalil, IEEE T-RA 6(3), 1990; numerically as Gautier, J. Robotic Systems 8(4), 1991.
     """
-    snapped, names = _snap(robot), labels(robot, laws)
+    snapped, names = _snap_rotations(robot), labels(robot, laws)
     states = _random_motion(snapped, len(names), seed)
     if static:
-        states = replace(states, v=REST * states.v, a=0 * states.a)
+        states = replace(states, v=REST_VELOCITY_SHARE * states.v, a=0 * states.a)
     known = np.ones(len(robot.joints), dtype=bool) if measured is None else np.array(measured, dtype=bool)
     rows = regressor(states, laws) * known[:, None]  # (N, n, p)
     stacked = rows.reshape(-1, len(names))
@@ -42,9 +42,9 @@ def build_base(
     _, singular, right = np.linalg.svd(stacked / scale, full_matrices=False)
     rank = int(np.sum(singular > RANK_TOLERANCE * singular[0]))
     compact = singular[:rank, None] * right[:rank]  # (rank, p), same Gram as the scaled regressor
-    kept = _choose(compact, _preference(snapped, names), rank)
-    combination = _combination(compact, kept, scale)
-    visible = np.abs(rows[:, :, kept]).max(0) > ZERO * norm[kept]
+    kept = _independent_columns(compact, _preference(snapped, names), rank)
+    combination = _base_combination(compact, kept, scale)
+    visible = np.abs(rows[:, :, kept]).max(0) > MIN_PRINTED_COEFFICIENT * norm[kept]
     return BaseMap(
         labels=names,
         independent=np.array(kept, dtype=np.intp),
@@ -64,7 +64,7 @@ def _random_motion(robot: Robot, parameters: int, seed: int) -> Motion:
     return Motion(robot, np.arange(count, dtype=np.float64), np.asarray(q), v, a)
 
 
-def _choose(compact: Array, order: Sequence[int], rank: int) -> list[int]:
+def _independent_columns(compact: Array, order: Sequence[int], rank: int) -> list[int]:
     """Indices, ascending, of the columns that are independent of those before them in an order."""
     kept: list[int] = []
     basis = np.zeros((len(compact), 0))
@@ -81,7 +81,7 @@ def _choose(compact: Array, order: Sequence[int], rank: int) -> list[int]:
     return sorted(kept)
 
 
-def _combination(compact: Array, kept: list[int], scale: Array) -> Array:
+def _base_combination(compact: Array, kept: list[int], scale: Array) -> Array:
     """K (b, p) with base = K @ standard."""
     others = [k for k in range(compact.shape[1]) if k not in set(kept)]
     share = np.linalg.lstsq(compact[:, kept], compact[:, others], rcond=None)[0]
@@ -89,20 +89,20 @@ def _combination(compact: Array, kept: list[int], scale: Array) -> Array:
     combination[np.arange(len(kept)), kept] = 1
     finite = np.where(np.isinf(scale), 0.0, scale)
     combination[:, others] = share * finite[others] / scale[kept][:, None]
-    combination[np.abs(combination) < ZERO] = 0
+    combination[np.abs(combination) < MIN_PRINTED_COEFFICIENT] = 0
     return combination
 
 
 def _preference(robot: Robot, names: Sequence[Label]) -> list[int]:
     order = []
     for body in range(len(robot.links)):
-        axis = {0: 4, 1: 6, 2: 9}[_axis(robot, body)]
+        axis = {0: 4, 1: 6, 2: 9}[_joint_axis(robot, body)]
         inertias = [axis, *(k for k in (9, 4, 5, 7, 8, 6) if k != axis)]
         order += [10 * body + k for k in (*inertias[:-1], 1, 2, 3, inertias[-1], 0)]
     return [*order, *range(len(order), len(names))]
 
 
-def _axis(robot: Robot, body: int) -> int:
+def _joint_axis(robot: Robot, body: int) -> int:
     """Index (0, 1 or 2) of the joint axis of a body in the body's own frame."""
     data = robot.model.createData()
     joint, where = robot.model.joints[body + 1], pin.neutral(robot.model)
@@ -118,19 +118,19 @@ def _formula(row: Array, lead: int, names: Sequence[Label]) -> str:
         if k == lead:
             continue
         size = abs(row[k])
-        factor = "" if abs(size - 1) < ZERO else f"{size:.{DIGITS}g} "
+        factor = "" if abs(size - 1) < MIN_PRINTED_COEFFICIENT else f"{size:.{COEFFICIENT_DIGITS}g} "
         text += f" {'+' if row[k] > 0 else '-'} {factor}{names[k].name}"
     return text
 
 
-def _snap(robot: Robot) -> Robot:
+def _snap_rotations(robot: Robot) -> Robot:
     """Robot with exact rotations for typed ones (1.5708 for pi/2), only for counting parameters."""
     model = robot.model.copy()
     for joint in range(1, model.njoints):
         placement = model.jointPlacements[joint]
         rotation = placement.rotation.copy()
-        rotation[np.abs(rotation) < SNAP] = 0
-        near = np.abs(np.abs(rotation) - 1) < SNAP
+        rotation[np.abs(rotation) < MAX_SNAP_DISTANCE] = 0
+        near = np.abs(np.abs(rotation) - 1) < MAX_SNAP_DISTANCE
         rotation[near] = np.sign(rotation[near])
         left, _, right = np.linalg.svd(rotation)
         model.jointPlacements[joint] = pin.SE3(left @ right, placement.translation)

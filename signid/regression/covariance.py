@@ -14,11 +14,11 @@ from ..parameters import INERTIAL, Array, BaseMap
 from .factors import Factors
 from .rows import Task
 
-DIGITS = 6  # smallest number of significant digits of a variance in a file
-SPARE_DIGITS = 2  # significant digits of the smallest eigenvalue after rounding
+MIN_VARIANCE_DIGITS = 6  # smallest number of significant digits of a variance in a file
+EIGENVALUE_DIGITS = 2  # significant digits of the smallest eigenvalue after rounding
 TERM_DIGITS = 10  # significant digits of a coefficient of a base parameter
-INDEFINITE = 1e-3  # [1] size of a negative eigenvalue of the correlation matrix, per row, that counts as rounding
-_BODY = re.compile(rf"(?:{'|'.join(INERTIAL)})_(\d+)")
+MAX_INDEFINITENESS = 1e-3  # [1] of a negative eigenvalue of the correlation matrix, per row: rounding
+_INERTIAL_LABEL = re.compile(rf"(?:{'|'.join(INERTIAL)})_(\d+)")
 MISFIT_DIGITS = 4  # significant digits of a misfit in a file
 
 
@@ -44,7 +44,7 @@ class Covariance(Frozen):
     def document(self) -> dict[str, Any]:
         """JSON object for model.json, with enough digits to stay positive definite; null stands for infinity."""
         terms = [
-            {self.labels[k]: _rounded(row[k], TERM_DIGITS) for k in map(int, np.flatnonzero(row))}
+            {self.labels[k]: _round_digits(row[k], TERM_DIGITS) for k in map(int, np.flatnonzero(row))}
             for row in self.combination
         ]
         return {
@@ -57,8 +57,8 @@ class Covariance(Frozen):
 
 def lower_triangle(matrix: Array) -> list[float | None]:
     """Lower triangle, row by row, of a covariance matrix: (b, b) [its units], rounded yet definite; null: infinity."""
-    lower, digits = matrix[np.tril_indices(len(matrix))], _digits(matrix)
-    return [_rounded(x, digits) if np.isfinite(x) else None for x in lower]
+    lower, digits = matrix[np.tril_indices(len(matrix))], _needed_digits(matrix)
+    return [_round_digits(x, digits) if np.isfinite(x) else None for x in lower]
 
 
 def base_covariance(base: BaseMap, values: Array, matrix: Array) -> Covariance:
@@ -106,7 +106,7 @@ def read_covariance(content: Mapping[str, Any], bodies: int) -> Covariance:
 def _labels(terms: Sequence[Mapping[str, float]], bodies: int) -> tuple[str, ...]:
     own = [f"{name}_{body + 1}" for body in range(bodies) for name in INERTIAL]
     labels = tuple(dict.fromkeys([*own, *(name for entry in terms for name in entry)]))
-    if beyond := [name for name in labels[len(own) :] if _BODY.fullmatch(name)]:
+    if beyond := [name for name in labels[len(own) :] if _INERTIAL_LABEL.fullmatch(name)]:
         raise ValueError(f"its terms name {beyond[0]}, and the robot has {bodies} bodies")
     return labels
 
@@ -130,24 +130,24 @@ def from_lower_triangle(lower: Array, b: int) -> Array:
     if not len(known):
         return matrix
     values, vectors = np.linalg.eigh(matrix[part] / np.outer(size, size))
-    if values[0] < -INDEFINITE * len(known):
+    if values[0] < -MAX_INDEFINITENESS * len(known):
         raise ValueError("lower_triangle is not that of a covariance: a combination would have a negative variance")
     if values[0] <= 0:
-        least = 10.0 ** -(DIGITS + SPARE_DIGITS) * values[-1]
+        least = 10.0 ** -(MIN_VARIANCE_DIGITS + EIGENVALUE_DIGITS) * values[-1]
         matrix[part] = (vectors * np.maximum(values, least)) @ vectors.T * np.outer(size, size)
     return matrix
 
 
-def _digits(matrix: Array) -> int:
+def _needed_digits(matrix: Array) -> int:
     known = np.isfinite(np.diag(matrix))
     size = np.sqrt(np.diag(matrix)[known])
     if not len(size) or not np.all(size > 0):
-        return DIGITS
+        return MIN_VARIANCE_DIGITS
     smallest = float(np.linalg.eigvalsh(matrix[np.ix_(known, known)] / np.outer(size, size))[0])
-    return int(np.clip(np.ceil(-np.log10(max(smallest, 1e-300))) + SPARE_DIGITS, DIGITS, 15))
+    return int(np.clip(np.ceil(-np.log10(max(smallest, 1e-300))) + EIGENVALUE_DIGITS, MIN_VARIANCE_DIGITS, 15))
 
 
-def _rounded(x: float, digits: int) -> float:
+def _round_digits(x: float, digits: int) -> float:
     return float(f"{x:.{digits}g}")
 
 
@@ -163,11 +163,11 @@ class Misfit(Frozen):
         """JSON object for model.json, without joints of unknown misfit."""
         each = zip(joints, self.size.tolist(), self.length.tolist(), strict=True)
         own = {
-            name: {"rms": _rounded(rms, MISFIT_DIGITS), "length": _rounded(s, MISFIT_DIGITS)}
+            name: {"rms": _round_digits(rms, MISFIT_DIGITS), "length": _round_digits(s, MISFIT_DIGITS)}
             for name, rms, s in each
             if np.isfinite(rms)
         }
-        return {"cutoff": _rounded(self.cutoff, MISFIT_DIGITS), "joints": own}
+        return {"cutoff": _round_digits(self.cutoff, MISFIT_DIGITS), "joints": own}
 
 
 def measure_misfit(task: Task, test: Factors, value: Array) -> Misfit:

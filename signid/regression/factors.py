@@ -12,10 +12,10 @@ import numpy as np
 from ..types import Array, Frozen, Indices, Mask
 from .rows import Rows, Task
 
-ROWS = 512  # largest number of rows; with 256, intervals of real recordings contain the truth less often
-LEAST = 128  # smallest limit on the number of rows, for many columns
-NUMBERS = 2**18  # largest number of entries of `columns` above that: 2 MB
-SAMPLED = ("number", "q", "v", "a", "torque", "slope", "kept", "columns")  # arrays of a `RowSample`
+MAX_SAMPLE_ROWS = 512  # largest number of rows; with 256, intervals of real recordings contain the truth less often
+MIN_ROW_LIMIT = 128  # smallest limit on the number of rows, for many columns
+MAX_COLUMN_ENTRIES = 2**18  # largest number of entries of `columns` above that: 2 MB
+SAMPLE_ARRAYS = ("number", "q", "v", "a", "torque", "slope", "kept", "columns")  # arrays of a `RowSample`
 LAGS = 6  # highest order of the autoregressive noise model
 Weigh = Callable[[int, Rows], Array]  # (joint, rows) -> weight (M,) [1] of each row
 
@@ -39,7 +39,7 @@ class RowSample(Frozen):
     columns: Array  # (K, c) [torque per unit of the base parameter], joint by joint
 
     def __add__(self, other: RowSample) -> RowSample:
-        both: dict[str, Any] = {key: np.concatenate([getattr(self, key), getattr(other, key)]) for key in SAMPLED}
+        both: dict[str, Any] = {key: np.concatenate([getattr(self, key), getattr(other, key)]) for key in SAMPLE_ARRAYS}
         return _thinned(replace(self, stride=max(self.stride, other.stride), **both))
 
     def of(self, joint: int, seen: Sequence[Indices]) -> Array:
@@ -66,14 +66,14 @@ def sample_rows(task: Task, window: Rows, weights: Sequence[Array] | None = None
 
 def _thinned(sample: RowSample) -> RowSample:
     """Sample at the smallest stride that satisfies the limits."""
-    most = int(np.clip(NUMBERS // max(sample.columns.shape[1], 1), LEAST, ROWS))
+    most = int(np.clip(MAX_COLUMN_ENTRIES // max(sample.columns.shape[1], 1), MIN_ROW_LIMIT, MAX_SAMPLE_ROWS))
     stride, here = sample.stride, sample.number % sample.stride == 0
     while np.count_nonzero(here) > most:
         stride *= 2
         here = sample.number % stride == 0
     if here.all():
         return replace(sample, stride=stride)
-    return replace(sample, stride=stride, **{key: getattr(sample, key)[here] for key in SAMPLED})
+    return replace(sample, stride=stride, **{key: getattr(sample, key)[here] for key in SAMPLE_ARRAYS})
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +135,7 @@ class Node(NamedTuple):
 def reduce_rows(task: Task, rows: Iterable[Rows], lags: int = LAGS, weigh: Weigh | None = None) -> Factors:
     """Factors of all rows, in one pass, as the sum over `window_factors`."""
     nodes = cascade(Node(k, 0, one) for k, one in enumerate(window_factors(task, rows, lags, weigh)))
-    return total(nodes) or _nothing(task, lags)
+    return total_factors(nodes) or _empty_factors(task, lags)
 
 
 def window_factors(task: Task, rows: Iterable[Rows], lags: int = LAGS, weigh: Weigh | None = None) -> Iterator[Factors]:
@@ -183,7 +183,7 @@ def cascade(nodes: Iterable[Node]) -> list[Node]:
     return stack
 
 
-def total(nodes: Sequence[Node]) -> Factors | None:
+def total_factors(nodes: Sequence[Node]) -> Factors | None:
     """Sum of the nodes of a cascade, the smallest first; None if there is no node."""
     return fold(lambda right, left: left.factors + right, nodes[-2::-1], nodes[-1].factors) if nodes else None
 
@@ -221,7 +221,7 @@ def _widths(task: Task) -> list[int]:
     return [sides * int(seen.sum()) + 1 for seen in task.base.sees]
 
 
-def _nothing(task: Task, lags: int) -> Factors:
+def _empty_factors(task: Task, lags: int) -> Factors:
     seen, n = tuple(map(np.flatnonzero, task.base.sees)), len(task.base.sees)
     empty = tuple(
         JointFactors(np.zeros((lags + 1, c, c)), np.zeros(lags + 1), np.zeros((len(columns) + 1,) * 2), 0.0, 0)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import pinocchio as pin
     from numpy.typing import ArrayLike
 
-SIMULATION = "..simulation.plant.batch"  # comes after every model, so it is imported when it is first used
+SIMULATION_MODULE = "..simulation.plant.batch"  # comes after every model, so it is imported when it is first used
 
 
 class Simulated(NamedTuple):
@@ -134,7 +134,7 @@ class JointDynamics(Result):
             OptionError: wrong shape, a number that is not finite, torque and commands at once, commands to a model
                 without drives, or a simulation that cannot be made or diverges.
         """
-        simulate_batch: Any = import_module(SIMULATION, __package__).simulate_batch
+        simulate_batch: Any = import_module(SIMULATION_MODULE, __package__).simulate_batch
         found: Simulated = simulate_batch(self, t, (q, v), torque, commands, step)
         return found
 

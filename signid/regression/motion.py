@@ -26,10 +26,10 @@ from ..robot.dynamics import (
     tip_jacobian,
 )
 from ..types import INERTIAL, INERTIAL_UNITS, Array, Frozen, Indices, Label, Law, Mask, Robot, Samples, View
-from .bandwidth import HALF, Band, Decimator, differentiate, smooth
+from .bandwidth import DIFFERENCE_REACH, Band, Decimator, differentiate, smooth
 
-TURNS = 2 * np.pi * np.arange(5) / 5  # [rad] angles that determine a trigonometric polynomial of degree 2
-CONSTANT = 1e-12  # [rad] spread of an angle that is constant but for rounding
+TURN_ANGLES = 2 * np.pi * np.arange(5) / 5  # [rad] angles that determine a trigonometric polynomial of degree 2
+CONSTANT_ANGLE_SPREAD = 1e-12  # [rad] spread of an angle that is constant but for rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,22 +135,22 @@ class Motion(Frozen):
     def _load_at(self, joint: int, change: Array) -> Array:
         """`load` (N, n) [N.m or N] with one joint at q - change (N,) [rad or m]."""
         alone = not self.robot.prismatic[joint] and np.count_nonzero(self.robot.drive[:, joint]) == 1
-        if alone and np.ptp(change) < CONSTANT:
-            angle = change[0] + TURNS
-            weights = (1 + 2 * np.cos(angle) + 2 * np.cos(2 * angle)) / len(TURNS)
+        if alone and np.ptp(change) < CONSTANT_ANGLE_SPREAD:
+            angle = change[0] + TURN_ANGLES
+            weights = (1 + 2 * np.cos(angle) + 2 * np.cos(2 * angle)) / len(TURN_ANGLES)
             return np.asarray(np.tensordot(weights, self._turned(joint), 1))
         moved = np.outer((change, *_derivatives(change, self.dt)), np.eye(self.q.shape[1])[joint])
         q, v, a = np.array((self.q, self.v, self.a)) - moved.reshape(3, *self.q.shape)
         return replace(self, q=q, v=v, a=a).load
 
     def _turned(self, joint: int) -> Array:
-        """`load` (5, N, n) [N.m or N] with one joint turned by TURNS everywhere.
+        """`load` (5, N, n) [N.m or N] with one joint turned by TURN_ANGLES everywhere.
 
         Inertias are quadratic in the rotation of a joint, and so is the torque, a trigonometric polynomial of degree 2
         of a constant angle: five loads give all others.
         """
         if joint not in self._turned_loads:
-            moved = TURNS[:, None, None] * np.eye(self.q.shape[1])[joint]
+            moved = TURN_ANGLES[:, None, None] * np.eye(self.q.shape[1])[joint]
             self._turned_loads[joint] = np.array([replace(self, q=self.q + x).load for x in moved])
         return self._turned_loads[joint]
 
@@ -215,7 +215,7 @@ class MotionView:
 
 def margin(band: Band, recorded_derivatives: bool = False) -> int:
     """Number of samples that `build_motion` removes at either end."""
-    return 0 if recorded_derivatives else len(band.position_taps) // 2 + HALF
+    return 0 if recorded_derivatives else len(band.position_taps) // 2 + DIFFERENCE_REACH
 
 
 def build_motion(
@@ -247,7 +247,7 @@ def build_motion(
     v, a = differentiate(smoothed, period)
     cut = margin(band)
     inner = slice(cut, len(samples.t) - cut)
-    q = smoothed[HALF : len(smoothed) - HALF]
+    q = smoothed[DIFFERENCE_REACH : len(smoothed) - DIFFERENCE_REACH]
     return Motion(robot, samples.t[inner], q, v, a, samples.tau[inner], slow=slow, origin=samples.origin)
 
 
@@ -311,7 +311,7 @@ def base_rows(
     inertial = [columns[:k] for columns, k in zip(wanted, split, strict=True)]
     bodies = _rigid_rows(*(sparse or (motion, thin)), inertial)
     further = _law_rows(motion, laws, [columns[k:] - rigid for columns, k in zip(wanted, split, strict=True)])
-    parts = np.split(thin(np.concatenate(further, axis=1)), _ends(further), axis=1)
+    parts = np.split(thin(np.concatenate(further, axis=1)), _part_ends(further), axis=1)
     return [np.concatenate(pair, axis=1) for pair in zip(bodies, parts, strict=True)]
 
 
@@ -342,25 +342,25 @@ class _Bodies(NamedTuple):
 
 def _rigid_rows(motion: Motion, thin: Decimator, wanted: Sequence[Indices]) -> list[Array]:
     """Columns (M, m_j) of the bodies' inertial parameters for each joint."""
-    part, drive = _bodies(motion, wanted), motion.robot.drive
+    part, drive = _wanted_bodies(motion, wanted), motion.robot.drive
     pairs = [(int(row), j) for j in range(len(wanted)) for row in np.flatnonzero(drive[:, j])]
     inside = [np.searchsorted(part.columns, columns) for columns in wanted]
     width, row_of = len(part.columns), {int(row): k for k, row in enumerate(part.rows)}
     places = [row_of[row] * width + inside[j] for row, j in pairs]
     found = thin.gather(_rigid_blocks(part, np.concatenate(places), thin.segment), len(motion), sum(map(len, places)))
     out: list[Array] = [np.zeros(0)] * len(wanted)
-    for (row, j), columns in zip(pairs, np.split(found, _ends(places), axis=1), strict=True):
+    for (row, j), columns in zip(pairs, np.split(found, _part_ends(places), axis=1), strict=True):
         share = columns if drive[row, j] == 1 else columns * drive[row, j]
         out[j] = out[j] + share if out[j].ndim == 2 else share
     return out
 
 
-def _ends(parts: Sequence[Array | Indices]) -> list[int]:
+def _part_ends(parts: Sequence[Array | Indices]) -> list[int]:
     """Ends of parts that are concatenated along their last axis, without the last end."""
     return [int(end) for end in np.cumsum([part.shape[-1] for part in parts])[:-1]]
 
 
-def _bodies(motion: Motion, wanted: Sequence[Indices]) -> _Bodies:
+def _wanted_bodies(motion: Motion, wanted: Sequence[Indices]) -> _Bodies:
     """Model without its fixed joints, unless a column of a body that one of them carries is wanted."""
     model, q, (v, a) = motion.robot.model, motion.configuration, motion.rates
     spans = [(joint.idx_q, joint.nq, joint.idx_v, joint.nv) for joint in list(model.joints)[1:]]

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..types import Array
 
-RANK = 1e-9  # [1] smallest singular value that counts, over the largest, columns scaled
+SINGULAR_VALUE_TOLERANCE = 1e-9  # [1] smallest singular value that counts, over the largest, columns scaled
 
 
 def least_squares(columns: Array, target: Array, least: float | None = None) -> Array:
@@ -33,4 +33,4 @@ def leave(target: Array, columns: Array) -> Array:
     """
     size = np.linalg.norm(columns, axis=0)
     scaled = columns[:, size > 0] / size[size > 0]
-    return np.asarray(target - scaled @ least_squares(scaled, target, RANK))
+    return np.asarray(target - scaled @ least_squares(scaled, target, SINGULAR_VALUE_TOLERANCE))

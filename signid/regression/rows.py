@@ -14,10 +14,10 @@ from ..types import Array, BaseMap, Frozen, Indices, Law, Mask, Recording, Robot
 from .bandwidth import Band, Decimator, moving_minimum
 from .motion import Motion, base_rows, build_motion, margin
 
-WINDOW = 8192  # smallest number of samples of a window
-STILL = 5.0  # [widths of a reversal] speed below which a joint is near a reversal
-REACHES = (1.5, 1.0, 0.75)  # [periods of the cut-off] candidates for the distance that rows keep from reversals
-KEPT = 0.7  # [1] share of a joint's rows that the first suitable candidate keeps; the last one needs no share
+MIN_WINDOW_SAMPLES = 8192  # smallest number of samples of a window
+STEADY_WIDTHS = 5.0  # [widths of a reversal] speed below which a joint is near a reversal
+REVERSAL_DISTANCES = (1.5, 1.0, 0.75)  # [periods of the cut-off] candidates for that of rows from reversals
+MIN_ROW_SHARE = 0.7  # [1] share of a joint's rows that the first suitable candidate keeps; the last one needs no share
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +128,7 @@ def _grid(task: Task) -> _Grid:
     thin, sparse = task.band.decimator(), task.band.decimator(task.parts)
     reach = consumed(task.band, task.recorded_derivatives)
     block = lcm(thin.block, sparse.block)
-    size = max(WINDOW, 8 * reach) // (block * thin.factor) + 1
+    size = max(MIN_WINDOW_SAMPLES, 8 * reach) // (block * thin.factor) + 1
     return _Grid(thin, sparse, task.parts, reach, size * block)
 
 
@@ -151,11 +151,11 @@ def _window_rows(task: Task, window: Samples, period: float, grid: _Grid, first:
 
 def choose_reach(motions: Sequence[Motion], band: Band, slow: Array) -> tuple[int, ...]:
     """Per joint, the largest distance of rows from reversals, slow (n,) [rad/s or m/s] wide, that keeps enough rows."""
-    reaches = [min(int(np.ceil(share * band.rate / band.cutoff)), len(band.taps) // 2) for share in REACHES]
+    reaches = [min(int(np.ceil(share * band.rate / band.cutoff)), len(band.taps) // 2) for share in REVERSAL_DISTANCES]
     if not motions:
         return (reaches[-1],) * len(slow)
     away = [np.concatenate([away_from_reversals(motion.v, reach, slow) for motion in motions]) for reach in reaches]
-    enough = np.mean(away, axis=1) >= KEPT  # (reaches, n)
+    enough = np.mean(away, axis=1) >= MIN_ROW_SHARE  # (reaches, n)
     return tuple(reaches[int(np.argmax(joint))] if joint.any() else reaches[-1] for joint in enough.T)
 
 
@@ -169,8 +169,8 @@ def _steady(task: Task, motion: Motion) -> Mask:
 
 
 def away_from_reversals(v: Array, reach: int, slow: Array) -> Mask:
-    """Mask (N, n) of samples within `reach` of which the speed stays above `STILL` widths of a reversal.
+    """Mask (N, n) of samples within `reach` of which the speed stays above `STEADY_WIDTHS` widths of a reversal.
 
     Velocity: v (N, n) [rad/s or m/s]; width: slow (n,) [rad/s or m/s].
     """
-    return np.asarray(moving_minimum(np.abs(v), reach) >= STILL * slow)
+    return np.asarray(moving_minimum(np.abs(v), reach) >= STEADY_WIDTHS * slow)

@@ -27,19 +27,19 @@ Part = tuple[Recording, Sampling]
 TRAINING_SHARE = 0.7  # of a single recording
 LEARNED, HELD_OUT, REFERENCE = "learned from", "held out", "of the healthy robot"
 SHARED = f"learned from, except the last {1 - TRAINING_SHARE:.0%}, which is held out"
-PIECE = 2**17  # samples of a recording from which the cut-off is chosen
-SAME_RATE = 0.01  # relative difference that sampling rates of recordings may have
-REVERSAL, REVERSAL_SHARE = 0.01, 0.02  # [rad/s], share of the rms velocity: width of the reversal of a geared joint
-AGREE = 2e-3  # [1] relative difference from derivatives of the positions, below which recorded ones are used
-NARROW = 1e-12  # [rad/s or m/s] width of a reversal of recordings without encoder noise in velocity
-ENOUGH = 16  # filtered rows that a recording needs if nothing can be held out of it
-ITSELF = (
+BAND_SAMPLES = 2**17  # samples of a recording from which the cut-off is chosen
+RATE_TOLERANCE = 0.01  # relative difference that sampling rates of recordings may have
+REVERSAL_VELOCITY, REVERSAL_SHARE = 0.01, 0.02  # [rad/s], [rms velocity] width of the reversal of a geared joint
+DERIVATIVE_TOLERANCE = 2e-3  # [1] difference from derivatives of the positions, below which recorded ones are used
+MIN_REVERSAL_VELOCITY = 1e-12  # [rad/s or m/s] width of a reversal of recordings without encoder noise in velocity
+MIN_RECORDING_ROWS = 16  # filtered rows that a recording needs if nothing can be held out of it
+SELF_EVALUATION_NOTE = (
     "the recording is too short to hold anything out: the model is evaluated on its own training data, so held-out "
     "errors are too small; record for longer, or give another recording with --held-out"
 )
-FEW_ROWS = 20  # rows per parameter; with fewer the noise model is poor
-LOW_CUTOFF = 2.0  # [Hz] below which inertial torque is hardly visible
-TAPS = 9.0  # length of both filters together, in periods of the cut-off
+MIN_PARAMETER_ROWS = 20  # rows per parameter; with fewer the noise model is poor
+MIN_INERTIAL_CUTOFF = 2.0  # [Hz] below which inertial torque is hardly visible
+FILTER_PERIODS = 9.0  # length of both filters together, in periods of the cut-off
 
 Parts = tuple[Part, ...]
 
@@ -124,7 +124,7 @@ class Session(Frozen):
         Raises:
             RecordingError: every stretch of the recordings is shorter than the filter.
         """
-        each = [(p, reduce_rows(self.task, _rows(self.task, p, progress, purpose), lags, weigh)) for p in parts]
+        each = [(p, reduce_rows(self.task, _rows_of_part(self.task, p, progress, purpose), lags, weigh)) for p in parts]
         found = [replace(one, parts=((part[0].sha256, one),)) for part, one in each if one.rows]
         if not found:
             band, these = self.task.band, "what is held out" if parts is self.held_out else "the recordings"
@@ -135,7 +135,7 @@ class Session(Frozen):
         return sum(found[1:], found[0])
 
 
-def longest_piece(part: Part, most: int = PIECE) -> Samples:
+def longest_piece(part: Part, most: int = BAND_SAMPLES) -> Samples:
     """The longest stretch of a recording without a gap, or its beginning where that is very long."""
     recording, sampling = part
     span = max(sampling.spans, key=sampling.length)
@@ -149,7 +149,7 @@ def common_rate(parts: Sequence[Part], advice: str) -> float:
         RecordingError: they differ; the sentence ends with the advice.
     """
     rates = np.array([1 / sampling.period for _, sampling in parts])
-    if np.ptp(rates) > SAME_RATE * rates.min():
+    if np.ptp(rates) > RATE_TOLERANCE * rates.min():
         listed = ", ".join(f"{rate:.6g} Hz" for rate in rates)
         raise RecordingError(f"the recordings are sampled at different rates ({listed}); {advice}")
     return float(rates[0])
@@ -183,7 +183,7 @@ def only_once(recordings: Sequence[Recording]) -> None:
         seen[recording.sha256] = recording.path
 
 
-def _rows(task: Task, part: Part, progress: Progress | None, purpose: str) -> Iterator[Rows]:
+def _rows_of_part(task: Task, part: Part, progress: Progress | None, purpose: str) -> Iterator[Rows]:
     recording, sampling = part
     total = max(1, sum(sampling.length(span) for span in sampling.spans) // task.band.factor)
     done = 0
@@ -223,37 +223,37 @@ def prepare(
     surveys = {recording: survey(recording, moving) for recording in dict.fromkeys(everything)}
     surveys = dict(zip(surveys, one_after_another(list(surveys.values())), strict=True))
     learn, judge = (tuple((r, surveys[r]) for r in some) for some in (recordings, held_out))
-    return _arranged(moving, (learn, judge), options or Options(), robot.notes)
+    return _arrange(moving, (learn, judge), options or Options(), robot.notes)
 
 
 def rearrange(robot: Robot, session: Session, options: Options) -> Session:
     """The same recordings with other options: effects, cut-off and the like. No recording is read as a whole again."""
-    return _arranged(session.robot, session.given, options, robot.notes)
+    return _arrange(session.robot, session.given, options, robot.notes)
 
 
-def _arranged(robot: Robot, given: tuple[Parts, Parts], options: Options, notes: Sequence[str]) -> Session:
+def _arrange(robot: Robot, given: tuple[Parts, Parts], options: Options, notes: Sequence[str]) -> Session:
     """Band, base map and split of recordings that were surveyed."""
     (learn, _), whole = given, tuple(dict((*given[0], *given[1])).items())
     if static := any(r.static for r, _ in whole):
-        options = _at_rest(whole, options)
+        options = _rest_options(whole, options)
     once = tuple(dict(learn).items())
-    band = _band(once, options)
+    band = _common_band(once, options)
     if static:
         nothing = np.zeros_like(band.per_joint)
         band = replace(band, per_joint=nothing + np.inf, velocity_noise=nothing, torque_floor=nothing)
-    train, test = _split(*given, band)
+    train, test = _split_parts(*given, band)
     measured = [all(r.columns["tau"][j] for r, _ in whole) for j in range(len(robot.joints))]
     laws = tuple(Law(EFFECTS[name], (j,)) for name in options.effects for j in np.flatnonzero(measured).tolist())
-    _only_linear(laws)
+    _check_linear(laws)
     recorded = _use_recorded(robot, whole, band, options)
     desired = options.instruments and not recorded and all(_wholly(r, "q_des") for r, _ in whole)
     complete = desired and all(_complete(part, "q_des") for part in whole)
-    slow = _slow(robot, [sampling for _, sampling in whole], band)
-    slow = np.full(len(slow), NARROW) if static else slow
+    slow = _reversal_width(robot, [sampling for _, sampling in whole], band)
+    slow = np.full(len(slow), MIN_REVERSAL_VELOCITY) if static else slow
     base, reach = build_base(robot, laws, options.seed, measured, static), _reach(robot, once, band, slow)
     task = Task(robot, laws, base, band, slow, reach, recorded, complete)
     said = [f"{r.path or 'recording'}: {note}" for r, sampling in whole for note in (*r.notes, *sampling.notes)]
-    said += [ITSELF] * (train is test)
+    said += [SELF_EVALUATION_NOTE] * (train is test)
     if recorded and not static:
         said.append("velocities and accelerations are taken as recorded: they agree with the positions")
     if desired and not complete:
@@ -261,7 +261,7 @@ def _arranged(robot: Robot, given: tuple[Parts, Parts], options: Options, notes:
     return Session(task, train, test, (*notes, *dict.fromkeys(said)), given, options)
 
 
-def _at_rest(whole: Parts, options: Options) -> Options:
+def _rest_options(whole: Parts, options: Options) -> Options:
     """Options of rows at rest: no filter, no law of velocity, Coulomb friction where approaches are known.
 
     Raises:
@@ -277,7 +277,7 @@ def _at_rest(whole: Parts, options: Options) -> Options:
     return replace(options, effects=effects, cutoff=np.inf, derivatives="recorded", instruments=False, whiten=False)
 
 
-def _split(train: Parts, test: Parts, band: Band) -> tuple[Parts, Parts]:
+def _split_parts(train: Parts, test: Parts, band: Band) -> tuple[Parts, Parts]:
     """Training and held-out parts; the same object where an only recording is too short for both."""
     if test:
         return train, test
@@ -285,7 +285,7 @@ def _split(train: Parts, test: Parts, band: Band) -> tuple[Parts, Parts]:
         return train[:-1], train[-1:]
     recording, sampling = train[0]
     first, last = split(sampling, TRAINING_SHARE)
-    if _count_rows(last, band) == 0 and _count_rows(sampling, band) >= ENOUGH:
+    if _count_rows(last, band) == 0 and _count_rows(sampling, band) >= MIN_RECORDING_ROWS:
         return train, train
     return ((recording, first),), ((recording, last),)
 
@@ -296,33 +296,33 @@ def _count_rows(sampling: Sampling, band: Band) -> int:
     return sum(max(0, length) // band.factor for length in lengths)
 
 
-def _band(parts: Sequence[Part], options: Options) -> Band:
+def _common_band(parts: Sequence[Part], options: Options) -> Band:
     rate = common_rate(parts, "resample them to one rate")
     if options.cutoff is not None and not options.cutoff > 0:
         raise OptionError(f"the cut-off is {options.cutoff:g} Hz; a positive frequency is needed")
     longest = max(sampling.length(span) * sampling.period for _, sampling in parts for span in sampling.spans)
-    if options.cutoff is not None and TAPS / options.cutoff > longest:
+    if options.cutoff is not None and FILTER_PERIODS / options.cutoff > longest:
         raise OptionError(
-            f"a cut-off of {options.cutoff:g} Hz needs {TAPS / options.cutoff:.3g} s without a gap, but the longest "
-            f"stretch lasts {longest:.3g} s; raise the cut-off"
+            f"a cut-off of {options.cutoff:g} Hz needs {FILTER_PERIODS / options.cutoff:.3g} s without a gap, but the "
+            f"longest stretch lasts {longest:.3g} s; raise the cut-off"
         )
     return choose_band([longest_piece(part) for part in parts], rate, options.cutoff)
 
 
-def _slow(robot: Robot, surveys: Sequence[Sampling], band: Band) -> Array:
+def _reversal_width(robot: Robot, surveys: Sequence[Sampling], band: Band) -> Array:
     """(n,) [rad/s or m/s] width of a reversal: of the gear for revolute joints, of the encoder noise for all."""
     speed = np.sqrt(np.mean([s.speed**2 for s in surveys], axis=0))
-    gear = np.where(robot.prismatic, 0.0, np.minimum(REVERSAL, REVERSAL_SHARE * speed))
-    return np.maximum(np.maximum(gear, band.velocity_noise), NARROW)
+    gear = np.where(robot.prismatic, 0.0, np.minimum(REVERSAL_VELOCITY, REVERSAL_SHARE * speed))
+    return np.maximum(np.maximum(gear, band.velocity_noise), MIN_REVERSAL_VELOCITY)
 
 
 def _reach(robot: Robot, parts: Sequence[Part], band: Band, slow: Array) -> tuple[int, ...]:
-    pieces = [(longest_piece(part, PIECE // 4), part[1].period) for part in parts]
+    pieces = [(longest_piece(part, BAND_SAMPLES // 4), part[1].period) for part in parts]
     long = [(piece, period) for piece, period in pieces if len(piece.t) > 2 * margin(band) + 1]
     return choose_reach([build_motion(robot, piece, band, period) for piece, period in long], band, slow)
 
 
-def _only_linear(laws: Sequence[Law]) -> None:
+def _check_linear(laws: Sequence[Law]) -> None:
     for law in laws:
         effect, linear = law.effect, law.effect.linear()
         shaped = [key for key in effect.parameters if key not in linear]
@@ -357,7 +357,7 @@ def _use_recorded(robot: Robot, parts: Sequence[Part], band: Band, options: Opti
         raise OptionError(
             "derivatives 'recorded' was asked for; not every joint has dq_J and ddq_J columns without gaps"
         )
-    return has and (options.derivatives == "recorded" or all(_agree(robot, part, band) for part in parts))
+    return has and (options.derivatives == "recorded" or all(_derivatives_agree(robot, part, band) for part in parts))
 
 
 def _complete(part: Part, key: str) -> bool:
@@ -366,14 +366,14 @@ def _complete(part: Part, key: str) -> bool:
     if sampling.incomplete.isdisjoint(recording.columns[key]):
         return True
     pieces = (
-        samples(recording, sampling, span, start, min(start + PIECE, sampling.length(span)))
+        samples(recording, sampling, span, start, min(start + BAND_SAMPLES, sampling.length(span)))
         for span in sampling.spans
-        for start in range(0, sampling.length(span), PIECE)
+        for start in range(0, sampling.length(span), BAND_SAMPLES)
     )
     return all(np.all(np.isfinite(getattr(piece, key))) for piece in pieces)
 
 
-def _agree(robot: Robot, part: Part, band: Band) -> bool:
+def _derivatives_agree(robot: Robot, part: Part, band: Band) -> bool:
     """Whether recorded derivatives and those of the positions are the same inside the band."""
     piece, period = longest_piece(part), part[1].period
     own, recorded = (build_motion(robot, piece, band, period, recorded_derivatives=yes) for yes in (False, True))
@@ -381,7 +381,7 @@ def _agree(robot: Robot, part: Part, band: Band) -> bool:
     thin = Decimator(band.taps, band.factor)
     for mine, theirs in ((own.v, recorded.v), (own.a, recorded.a)):
         ours, given = thin(mine), thin(theirs[edge : len(theirs) - edge])
-        if not len(ours) or np.linalg.norm(ours - given) > AGREE * np.linalg.norm(ours):
+        if not len(ours) or np.linalg.norm(ours - given) > DERIVATIVE_TOLERANCE * np.linalg.norm(ours):
             return False
     return True
 
@@ -389,7 +389,7 @@ def _agree(robot: Robot, part: Part, band: Band) -> bool:
 def advice_on_rows(session: Session, factors: Factors, used: Array) -> tuple[str, ...]:
     """Sentences on what would give more or better rows; used: (n,) [1] share of the rows away from reversals."""
     band, robot, said = session.task.band, session.robot, []
-    if band.cutoff < LOW_CUTOFF:
+    if band.cutoff < MIN_INERTIAL_CUTOFF:
         worst = robot.joints[int(np.argmin(band.per_joint))]
         limit = f"encoder noise of {worst} allows only {band.cutoff:.2g} Hz"
         said.append(f"{limit}: move faster, or record finer positions")
@@ -397,6 +397,6 @@ def advice_on_rows(session: Session, factors: Factors, used: Array) -> tuple[str
     said += [f"{joint} keeps {x:.0%} of its rows, the others are near a reversal: move it faster" for joint, x in slow]
     bare = [joint for joint, f in zip(robot.joints, factors.joints, strict=True) if f.rows == 0]
     said += [f"{j} has no usable torque: only parameters that act on other joints are identifiable" for j in bare]
-    if factors.rows < FEW_ROWS * session.task.base.rank / max(len(robot.joints), 1):
+    if factors.rows < MIN_PARAMETER_ROWS * session.task.base.rank / max(len(robot.joints), 1):
         said.append(f"{factors.rows} filtered rows for {session.task.base.rank} parameters are few: record for longer")
     return tuple(said)

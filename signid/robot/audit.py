@@ -11,26 +11,26 @@ import numpy as np
 
 from ..errors import shorten
 from ..types import Array, Mask, Robot
-from .description.document import IMPOSSIBLE, children, inertial_fault, local, parse
+from .description.document import CONDITION_TEXTS, children, inertial_fault, local, parse
 
 THOUSAND = 1e3  # g in a kg, mm in a m
 INERTIA_UNITS = {1e3: "g.m2", 1e4: "kg.cm2", 1e6: "kg.mm2", 1e7: "g.cm2", 1e9: "g.mm2"}  # per kg.m2
 # [1] inertia over mass and size squared: usual; too large; of a wrong unit in one body, and in most. The median of the
 # bodies is 0.036 to 0.48 on sound robots of example-robot-data
-USUAL, LARGE, UNIT_OF_ONE, UNIT = 0.16, 12.0, 100.0, 30.0
-FARTHEST = 20.0  # [m] largest distance between joints
-ASIDE = 30.0  # [1] largest distance of a centre of mass over the size of a body
+USUAL_INERTIA_RATIO, MAX_INERTIA_RATIO, BODY_UNIT_RATIO, ROBOT_UNIT_RATIO = 0.16, 12.0, 100.0, 30.0
+MAX_JOINT_DISTANCE = 20.0  # [m] largest distance between joints
+MAX_CENTRE_RATIO = 30.0  # [1] largest distance of a centre of mass over the size of a body
 # [kg/m3] masses over the cubes of sizes, 5 to 800 on these robots, from which on they are in g; density of metal, which
 # a single body may be, and a shape
-MASSIVE, HEAVIEST = 3000.0, 22_600.0
-HEAVY = 100.0  # [1] mass of one body over the median
-WIDE = 0.2  # [1] size, and radius of gyration, of one body over the reach, from which on it is large
-SMALL = 0.02  # [m] smallest size of a body
-NEGLIGIBLE, EQUAL = 1e-7, 1e-6  # [kg.m2] inertia of a point mass, and [1] tolerance of equal moments
-FEW, SPREAD = 4, 2.0  # joints, and [1] ratio of their effort limits, from which on equal damping is a default
-UNITS = {"centre": ("centres of mass", "mm"), "mass": ("masses", "g"), "inertia": ("inertias", "")}
-VOLUME = {"box": 1.0, "cylinder": pi, "sphere": 4 / 3 * pi}  # [1] over the product of sizes, or of radius and length
-HARMLESS = ("damping", "effort", "velocity")  # kinds of suspects that no inertial torque depends on
+GRAM_DENSITY, METAL_DENSITY = 3000.0, 22_600.0
+MASS_RATIO = 100.0  # [1] mass of one body over the median
+LARGE_BODY_SHARE = 0.2  # [1] size, and radius of gyration, of one body over the reach, from which on it is large
+MIN_BODY_SIZE = 0.02  # [m] smallest size of a body
+POINT_MASS_INERTIA, MOMENT_TOLERANCE = 1e-7, 1e-6  # [kg.m2] inertia of a point mass, and [1] tolerance of equal moments
+MIN_JOINTS, DISPARITY = 4, 2.0  # joints, and [1] ratio of their effort limits, from which on equal damping is a default
+UNIT_WORDS = {"centre": ("centres of mass", "mm"), "mass": ("masses", "g"), "inertia": ("inertias", "")}
+VOLUMES = {"box": 1.0, "cylinder": pi, "sphere": 4 / 3 * pi}  # [1] over the product of sizes, or of radius and length
+HARMLESS_KINDS = ("damping", "effort", "velocity")  # kinds of suspects that no inertial torque depends on
 
 
 class Suspect(NamedTuple):
@@ -52,14 +52,14 @@ class Audit:
     @property
     def notes(self) -> tuple[str, ...]:
         """Sentences on harmless suspects: limits and damping."""
-        return tuple(dict.fromkeys(x.sentence for x in self.suspects if x.what in HARMLESS))
+        return tuple(dict.fromkeys(x.sentence for x in self.suspects if x.what in HARMLESS_KINDS))
 
     def before(self, flags: Iterable[str] = ()) -> tuple[str, ...]:
         """Sentences on all other suspects, then the flags, each once."""
-        return tuple(dict.fromkeys((*(x.sentence for x in self.suspects if x.what not in HARMLESS), *flags)))
+        return tuple(dict.fromkeys((*(x.sentence for x in self.suspects if x.what not in HARMLESS_KINDS), *flags)))
 
 
-class _Bodies(NamedTuple):
+class _BodySizes(NamedTuple):
     """Moving bodies as stated, without and with a shape."""
 
     mass: Array  # (nb,) [kg]
@@ -89,7 +89,7 @@ class _Bodies(NamedTuple):
     @property
     def size(self) -> Array:
         """Sizes (nb,) [m]: of the shape or the link, at least half of the usual length."""
-        least = max(self.usual / 2, SMALL)
+        least = max(self.usual / 2, MIN_BODY_SIZE)
         return np.asarray(np.maximum.reduce([self.length, self.extent, self.centre]).clip(least))
 
     @property
@@ -105,13 +105,13 @@ def audit(robot: Robot) -> Audit:
     is judged with all links that are rigidly attached to it, by which the torque changes.
     """
     root = parse(robot.document) if robot.kind == "urdf" else None
-    bodies, found = _measure(robot, root), list[Suspect]()
-    if (far := bodies.length > FARTHEST).any():
+    bodies, found = _measure_bodies(robot, root), list[Suspect]()
+    if (far := bodies.length > MAX_JOINT_DISTANCE).any():
         text = f"joints of {{}} are up to {bodies.length.max():.3g} m apart: their distances seem to be in mm"
         found += _suspects(robot, far, "length", THOUSAND, f"{text}; correct the description")
         bodies = bodies._replace(length=bodies.length / THOUSAND, path=bodies.path / THOUSAND)
-    usual = max(bodies.usual, SMALL) if bodies.usual else FARTHEST / ASIDE
-    far = bodies.centre > ASIDE * np.maximum(bodies.length, bodies.extent).clip(usual)
+    usual = max(bodies.usual, MIN_BODY_SIZE) if bodies.usual else MAX_JOINT_DISTANCE / MAX_CENTRE_RATIO
+    far = bodies.centre > MAX_CENTRE_RATIO * np.maximum(bodies.length, bodies.extent).clip(usual)
     most = np.sum(far) >= np.sum(bodies.mass > 0) / 2 > 0
     centre = np.where((bodies.centre > 0) if most else far, THOUSAND, 1.0)
     bodies = bodies._replace(centre=bodies.centre / centre)
@@ -122,7 +122,7 @@ def audit(robot: Robot) -> Audit:
     bodies = bodies._replace(moments=bodies.moments / inertia[:, None])
     for what, factors in (("centre", centre), ("mass", mass), ("inertia", inertia)):
         for factor in np.unique(factors[factors > 1]).tolist():
-            noun, unit = UNITS[what]
+            noun, unit = UNIT_WORDS[what]
             fact = f"the {noun} of {{}} are about {factor:.0f} times too large: they seem to be in"
             advice = "correct the description; check, identify and diagnose calculate with the corrected numbers"
             text = f"{fact} {unit or INERTIA_UNITS[factor]}; {advice}"
@@ -131,7 +131,7 @@ def audit(robot: Robot) -> Audit:
     return Audit(_corrected(robot, centre, mass, inertia), tuple(found))
 
 
-def _measure(robot: Robot, root: Any) -> _Bodies:
+def _measure_bodies(robot: Robot, root: Any) -> _BodySizes:
     stated, before = list(robot.model.inertias)[1:], np.array(list(robot.model.parents)[1:], int) - 1
     offset = np.array([np.linalg.norm(place.translation) for place in list(robot.model.jointPlacements)[1:]])
     length, path = np.zeros(len(stated)), offset.copy()
@@ -140,17 +140,17 @@ def _measure(robot: Robot, root: Any) -> _Bodies:
         length[before[body]] = max(length[before[body]], offset[body])
         path[body] += path[before[body]]
         turns[body] |= turns[before[body]]
-    length = np.where(length > SMALL, length, np.maximum(length, offset))
+    length = np.where(length > MIN_BODY_SIZE, length, np.maximum(length, offset))
     mass = np.array([body.mass for body in stated])
     centre = np.array([np.linalg.norm(body.lever) if body.mass else 0.0 for body in stated])
     counts = zip(stated, turns, strict=True)
     moments = np.array([np.linalg.eigvalsh(x.inertia) if x.mass and turn else np.zeros(3) for x, turn in counts])
-    shapes = {} if root is None else {link.get("name"): _shape(link) for link in children(root, "link")}
+    shapes = {} if root is None else {link.get("name"): _link_shape(link) for link in children(root, "link")}
     extent, density = np.array([shapes.get(link, (0.0, 0.0)) for link in robot.links]).reshape(-1, 2).T
-    return _Bodies(mass, centre, moments, length, path, extent, density)
+    return _BodySizes(mass, centre, moments, length, path, extent, density)
 
 
-def _shape(link: Any) -> tuple[float, float]:
+def _link_shape(link: Any) -> tuple[float, float]:
     """Largest extent [m] of the boxes, cylinders and spheres of a link, and its density in them [kg/m3]; 0 without."""
     extents, volumes = [0.0], dict.fromkeys(("visual", "collision"), 0.0)
     for kind in volumes:
@@ -163,47 +163,47 @@ def _shape(link: Any) -> tuple[float, float]:
                 volumes[kind] = inf  # a mesh, whose volume is unknown
                 continue
             extents.append(float(np.linalg.norm(size)) * (2 if tag == "sphere" else 1))
-            volumes[kind] += VOLUME[tag] * prod(size) * {"cylinder": size[0], "sphere": size[0] ** 2}.get(tag, 1.0)
+            volumes[kind] += VOLUMES[tag] * prod(size) * {"cylinder": size[0], "sphere": size[0] ** 2}.get(tag, 1.0)
     stated = [float(mass.get("value") or 0) for part in children(link, "inertial") for mass in children(part, "mass")]
     volume = max(volumes.values())
     return max(extents), stated[0] / volume if stated and 0 < volume < inf else 0.0
 
 
-def _mass_factors(bodies: _Bodies) -> Array:
+def _mass_factors(bodies: _BodySizes) -> Array:
     """Factors (nb,) [1] by which masses are too large: of all bodies, or of those beyond the others and their shape."""
     weighs, volume = bodies.mass > 0, bodies.size**3
     others = weighs & (np.arange(len(weighs)) != np.argmax(bodies.mass))
-    limit, judged = (MASSIVE, others) if others.any() else (HEAVIEST, weighs)
-    if not judged.any() or bodies.reach < SMALL:
+    limit, judged = (GRAM_DENSITY, others) if others.any() else (METAL_DENSITY, weighs)
+    if not judged.any() or bodies.reach < MIN_BODY_SIZE:
         return np.ones(len(weighs))
-    dense = others.any() and np.median(bodies.density) > HEAVIEST  # shapes of most bodies
+    dense = others.any() and np.median(bodies.density) > METAL_DENSITY  # shapes of most bodies
     if dense or bodies.mass[judged].sum() > limit * volume[judged].sum():
         return np.where(weighs, THOUSAND, 1.0)
-    least = MASSIVE * np.maximum(bodies.size, WIDE * bodies.reach) ** 3
-    return np.where((bodies.mass > HEAVY * np.median(bodies.mass[weighs])) & (bodies.mass > least), THOUSAND, 1.0)
+    least = GRAM_DENSITY * np.maximum(bodies.size, LARGE_BODY_SHARE * bodies.reach) ** 3
+    return np.where((bodies.mass > MASS_RATIO * np.median(bodies.mass[weighs])) & (bodies.mass > least), THOUSAND, 1.0)
 
 
-def _placeholders(bodies: _Bodies) -> Mask:
+def _placeholders(bodies: _BodySizes) -> Mask:
     """Bodies (nb,) with three equal moments that are a power of ten, as others have or far too large for the body."""
     least, most = bodies.moments[:, 0], bodies.moments[:, 2]
-    power = np.log10(np.where(most > NEGLIGIBLE, most, 2.0))
-    default = (most - least <= EQUAL * np.abs(most)) & (np.abs(power - np.round(power)) < EQUAL)
-    several = np.array([np.sum(default & (np.abs(power - x) < EQUAL)) > 1 for x in power])
-    return default & (several | (bodies.share > LARGE))
+    power = np.log10(np.where(most > POINT_MASS_INERTIA, most, 2.0))
+    default = (most - least <= MOMENT_TOLERANCE * np.abs(most)) & (np.abs(power - np.round(power)) < MOMENT_TOLERANCE)
+    several = np.array([np.sum(default & (np.abs(power - x) < MOMENT_TOLERANCE)) > 1 for x in power])
+    return default & (several | (bodies.share > MAX_INERTIA_RATIO))
 
 
-def _inertia_factors(bodies: _Bodies, placeholder: Mask) -> Array:
+def _inertia_factors(bodies: _BodySizes, placeholder: Mask) -> Array:
     """Factors (nb,) [1] of units by which inertias are too large, the same of all bodies where most are."""
     share, units = np.where(placeholder, 0.0, bodies.share), np.array(list(INERTIA_UNITS))
 
     def nearest(ratio: Array) -> Array:
-        return np.asarray(units[np.argmin(np.abs(np.log(ratio[:, None] / USUAL / units)), axis=1)])
+        return np.asarray(units[np.argmin(np.abs(np.log(ratio[:, None] / USUAL_INERTIA_RATIO / units)), axis=1)])
 
     middle = np.median(share[share > 0]) if share.any() else 0.0
-    if middle > UNIT:
+    if middle > ROBOT_UNIT_RATIO:
         unit = nearest(np.array([middle]))
-        return np.where(share > unit * USUAL / THOUSAND, unit, 1.0)
-    return np.where(share > UNIT_OF_ONE, nearest(np.maximum(share, UNIT)), 1.0)
+        return np.where(share > unit * USUAL_INERTIA_RATIO / THOUSAND, unit, 1.0)
+    return np.where(share > BODY_UNIT_RATIO, nearest(np.maximum(share, ROBOT_UNIT_RATIO)), 1.0)
 
 
 def _suspects(robot: Robot, which: Mask, what: str, factor: float | None, text: str) -> Iterator[Suspect]:
@@ -213,19 +213,19 @@ def _suspects(robot: Robot, which: Mask, what: str, factor: float | None, text: 
     return (Suspect(link, what, factor, sentence) for link in links)
 
 
-def _inertia_suspects(robot: Robot, bodies: _Bodies, placeholder: Mask) -> Iterator[Suspect]:
+def _inertia_suspects(robot: Robot, bodies: _BodySizes, placeholder: Mask) -> Iterator[Suspect]:
     """Placeholders, inertias too large for mass and size, and those that no body can have."""
     text = "the inertias of {} are placeholders: a power of ten in all directions; replace them"
     yield from _suspects(robot, placeholder, "placeholder", None, text)
-    large = (bodies.share > LARGE) & (bodies.radius > WIDE * bodies.reach) & ~placeholder
+    large = (bodies.share > MAX_INERTIA_RATIO) & (bodies.radius > LARGE_BODY_SHARE * bodies.reach) & ~placeholder
     widest = bodies.radius[large].max(initial=0.0)
     text = f"the inertias of {{}} are too large for mass and size (radius of gyration up to {widest:.2g} m)"
     yield from _suspects(robot, large, "inertia", None, f"{text}; correct the description")
     least, middle, most = bodies.moments.T
-    near = np.maximum(EQUAL * most, NEGLIGIBLE)
+    near = np.maximum(MOMENT_TOLERANCE * most, POINT_MASS_INERTIA)
     thin = (bodies.mass > 0) & (np.abs(least) <= near) & (most - middle <= near)  # points and rods
     kinds = [inertial_fault(m, np.diag(own)) for m, own in zip(bodies.mass, bodies.moments, strict=True)]
-    for kind, texts in IMPOSSIBLE.items():
+    for kind, texts in CONDITION_TEXTS.items():
         wrong = np.array([own == kind for own in kinds]) & ~placeholder & ~thin
         yield from _suspects(robot, wrong, "impossible", None, f"{{}} {texts[int(wrong.sum() > 1)]}")
 
@@ -240,7 +240,7 @@ def _joint_suspects(robot: Robot, root: Any) -> Iterator[Suspect]:
         yield from (Suspect(link, key, None, sentence) for _, link, _ in zero)
     damping = [float(form.get("damping") or 0) for *_, joint in own for form in children(joint, "dynamics")]
     effort, same = robot.effort_limit, max(damping, default=0.0)
-    if len(damping) == len(own) >= FEW and min(damping) == same > 0 and effort.max() >= SPREAD * effort.min():
+    if len(damping) == len(own) >= MIN_JOINTS and min(damping) == same > 0 and effort.max() >= DISPARITY * effort.min():
         text = f"all joints have the same damping of {same:g}, although their effort limits differ"
         yield from (Suspect(link, "damping", None, f"{text}: it is a default") for _, link, _ in own)
 

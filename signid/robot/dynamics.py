@@ -16,7 +16,7 @@ from ..errors import RobotError
 from ..types import Array, Mask, Robot
 from .joints import configuration
 
-POSTURES, NO_TORQUE = 8, 1e-9  # random postures to look at; [N.m or N] rounding errors of their torque
+GRAVITY_POSTURES, TORQUE_ROUNDING = 8, 1e-9  # random postures to look at; [N.m or N] rounding errors of their torque
 
 
 class Sensitivity(NamedTuple):
@@ -96,8 +96,8 @@ def gravity_torque(robot: Robot, q: Array, gravity: Sequence[float] | Array) -> 
 
 def shows_gravity(robot: Robot, gravity: Array) -> bool:
     """Whether a field of gravity: (3,) [m/s2] makes torque in some posture."""
-    positions = np.random.default_rng(0).uniform(-np.pi, np.pi, (POSTURES, len(robot.joints)))
-    return bool(np.any(np.abs(gravity_torque(robot, configuration(robot, positions), gravity)) > NO_TORQUE))
+    positions = np.random.default_rng(0).uniform(-np.pi, np.pi, (GRAVITY_POSTURES, len(robot.joints)))
+    return bool(np.any(np.abs(gravity_torque(robot, configuration(robot, positions), gravity)) > TORQUE_ROUNDING))
 
 
 def tip_jacobian(robot: Robot, q: Array) -> Array:

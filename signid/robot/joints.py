@@ -18,17 +18,17 @@ from ..types import Actuators, Array, Robot
 if TYPE_CHECKING:
     import pinocchio as pin
 
-DIGITS = 10  # of numbers of joints, fewer than these
-_BY_JOINT = ("prismatic", "lower", "upper", "velocity_limit", "effort_limit")  # arrays (n,) of a robot
-STRONGEST = 1000.0  # largest magnitude [m/s2]: forty times that on Jupiter's surface
+MAX_JOINT_DIGITS = 10  # of numbers of joints, fewer than these
+_JOINT_ARRAYS = ("prismatic", "lower", "upper", "velocity_limit", "effort_limit")  # arrays (n,) of a robot
+MAX_GRAVITY = 1000.0  # largest magnitude [m/s2]: forty times that on Jupiter's surface
 SEPARATOR = re.compile(r"([_\-./ ])")
-SIDES = "left right l r fl fr rl rr hl hr lf rf lh rh bl br lb rb front rear hind back".split()
-FINGERS = "index middle ring pinky little".split()
-SIDE = re.compile(r"^[LR](?=[A-Z][a-z])")  # LHipPitch, RHipPitch
-LIMB = re.compile(r"^(finger|leg|arm|toe)(\d*)$")  # finger2, or finger and 2
+SIDE_WORDS = "left right l r fl fr rl rr hl hr lf rf lh rh bl br lb rb front rear hind back".split()
+FINGER_WORDS = "index middle ring pinky little".split()
+SIDE_PREFIX = re.compile(r"^[LR](?=[A-Z][a-z])")  # LHipPitch, RHipPitch
+LIMB_WORD = re.compile(r"^(finger|leg|arm|toe)(\d*)$")  # finger2, or finger and 2
 
 
-def find(given: str | int, robot: Robot) -> int:
+def find_joint(given: str | int, robot: Robot) -> int:
     """Index of a joint of a robot, given by its name or, if no joint has that name, by its number.
 
     Raises:
@@ -37,7 +37,7 @@ def find(given: str | int, robot: Robot) -> int:
     text = str(given)
     if text in robot.joints:
         return robot.index(text)
-    if text.isascii() and text.isdigit() and len(text) < DIGITS and int(text) in robot.numbers:
+    if text.isascii() and text.isdigit() and len(text) < MAX_JOINT_DIGITS and int(text) in robot.numbers:
         return robot.numbers.index(int(text))
     close = get_close_matches(text, robot.joints, n=3, cutoff=0.6)
     advice = f"did you mean {' or '.join(close)}?" if close else f"choose from {shorten(robot.joints)}"
@@ -54,7 +54,7 @@ def hold(robot: Robot, positions: Mapping[str, float]) -> Robot:
         return robot
     held: dict[int, float] = {}
     for joint, value in positions.items():
-        i = find(joint, robot)
+        i = find_joint(joint, robot)
         if i in held:
             raise RobotError(f"joint {robot.joints[i]} of {robot.name} has two positions to be held at; give one")
         held[i] = _position(robot.joints[i], value)
@@ -73,7 +73,7 @@ def hold(robot: Robot, positions: Mapping[str, float]) -> Robot:
         springs={joint: stated for joint, stated in robot.springs.items() if robot.index(joint) not in held},
         registers={key: stated for key, stated in robot.registers.items() if robot.index(key[1]) not in held},
         notes=(*robot.notes, f"held fixed: {shorten(each)}"),
-        **{key: getattr(robot, key)[keep] for key in _BY_JOINT},
+        **{key: getattr(robot, key)[keep] for key in _JOINT_ARRAYS},
     )
 
 
@@ -144,7 +144,7 @@ def with_gravity(robot: Robot, gravity: Sequence[float] | Array | None) -> Robot
     Zero stands for a robot whose recorded torque does not carry its weight.
 
     Raises:
-        OptionError: gravity is not three finite numbers of up to STRONGEST.
+        OptionError: gravity is not three finite numbers of up to MAX_GRAVITY.
     """
     if gravity is None:
         return robot
@@ -152,9 +152,9 @@ def with_gravity(robot: Robot, gravity: Sequence[float] | Array | None) -> Robot
         vector = np.array([float(x) for x in gravity])
     except (TypeError, ValueError, OverflowError):
         vector = np.zeros(0)
-    if isinstance(gravity, str) or vector.shape != (3,) or not np.all(np.abs(vector) <= STRONGEST):
+    if isinstance(gravity, str) or vector.shape != (3,) or not np.all(np.abs(vector) <= MAX_GRAVITY):
         raise OptionError(
-            f"gravity is {gravity!r}; give three numbers up to {STRONGEST:.0f} m/s2, in the frame of the root link, "
+            f"gravity is {gravity!r}; give three numbers up to {MAX_GRAVITY:.0f} m/s2, in the frame of the root link, "
             f"such as 0,0,-9.81"
         )
     if np.array_equal(vector, robot.model.gravity.linear):
@@ -175,10 +175,10 @@ def parse_gravity(text: str) -> tuple[float, ...]:
         numbers = tuple(float(part) for part in text.split(","))
     except ValueError:
         numbers = ()
-    if len(numbers) != 3 or not all(isfinite(x) and abs(x) <= STRONGEST for x in numbers):
+    if len(numbers) != 3 or not all(isfinite(x) and abs(x) <= MAX_GRAVITY for x in numbers):
         raise OptionError(
-            f"--gravity {text!r} is not a vector; write X,Y,Z: three numbers up to {STRONGEST:.0f} m/s2, in the frame "
-            f"of the root link, such as 0,-9.81,0"
+            f"--gravity {text!r} is not a vector; write X,Y,Z: three numbers up to {MAX_GRAVITY:.0f} m/s2, in the "
+            f"frame of the root link, such as 0,-9.81,0"
         )
     return numbers
 
@@ -201,14 +201,14 @@ def is_weightless(model: pin.Model) -> bool:
     return not np.any(model.gravity.linear)
 
 
-def alike(joints: Sequence[str]) -> tuple[tuple[str, ...], ...]:
+def similar_joints(joints: Sequence[str]) -> tuple[tuple[str, ...], ...]:
     """Joints whose names differ in a side, a finger or the number of a limb only: left_hip and right_hip; two or more.
 
     Numbers of joints in a chain (joint_1, joint_2) are no kind.
     """
     kinds: dict[str, list[str]] = {}
     for joint in joints:
-        kinds.setdefault(_kind(joint), []).append(joint)
+        kinds.setdefault(_limb_kind(joint), []).append(joint)
     return tuple(tuple(members) for members in kinds.values() if len(members) > 1)
 
 
@@ -217,8 +217,8 @@ def name_pattern(members: Sequence[str], joints: Sequence[str]) -> str:
     if len(members) == 1:
         return _escaped(members[0])
     words = [SEPARATOR.split(name) for name in members]
-    first = _common(words)
-    last = _common([own[len(first) :][::-1] for own in words])[::-1]
+    first = _common_prefix(words)
+    last = _common_prefix([own[len(first) :][::-1] for own in words])[::-1]
     pattern = f"{_escaped(''.join(first))}.*{_escaped(''.join(last))}"
     if [joint for joint in joints if re.fullmatch(pattern, joint)] == list(members):
         return pattern
@@ -229,18 +229,18 @@ def _escaped(text: str) -> str:
     return re.escape(text).replace(r"\-", "-")
 
 
-def _common(words: Sequence[Sequence[str]]) -> list[str]:
+def _common_prefix(words: Sequence[Sequence[str]]) -> list[str]:
     """Words with which all sequences begin."""
     return [column[0] for column in takewhile(lambda column: len(set(column)) == 1, zip(*words, strict=False))]
 
 
-def _kind(joint: str) -> str:
+def _limb_kind(joint: str) -> str:
     """Name without side, finger and number of the limb."""
-    words, limb, out = SEPARATOR.split(SIDE.sub("*", joint)), "", list[str]()
+    words, limb, out = SEPARATOR.split(SIDE_PREFIX.sub("*", joint)), "", list[str]()
     for k, word in enumerate(words):
-        low, found = word.lower(), LIMB.match(word.lower())
+        low, found = word.lower(), LIMB_WORD.match(word.lower())
         numbered = limb and word.isdigit() and k + 1 < len(words)  # not the last word: l_arm_1 is a chain
-        if low in SIDES or low in FINGERS or numbered:
+        if low in SIDE_WORDS or low in FINGER_WORDS or numbered:
             out.append("*")
         else:
             out.append(f"{found[1]}*" if found and found[2] and len(words) > 1 else word)

@@ -14,12 +14,12 @@ from ..typed import typed
 from ..types import Actuators, Array, Robot
 from .actuators import state_actuators
 from .description.document import Axis, Document, Draft, parse, read_document
-from .joints import find, hold, resting, with_gravity
+from .joints import find_joint, hold, resting, with_gravity
 from .locate import locate
 
-ASSIGNED = re.compile(r"[A-Za-z_][\w.\-/]*:=")  # begins an argument and its value
-LONGEST = 10_000  # value of an argument [characters]
-MOST = 1000  # arguments
+ASSIGNMENT = re.compile(r"[A-Za-z_][\w.\-/]*:=")  # begins an argument and its value
+MAX_VALUE_LETTERS = 10_000  # value of an argument [characters]
+MAX_ARGUMENTS = 1000  # arguments
 
 
 @typed
@@ -67,7 +67,7 @@ def load_robot(
     stated = Path(actuators) if actuators is not None else beside if beside.is_file() else None
     if stated is not None:
         robot = state_actuators(robot, stated)
-    return hold(with_gravity(robot, gravity), _held(robot, joints, lock or {}))
+    return hold(with_gravity(robot, gravity), _held_joints(robot, joints, lock or {}))
 
 
 def robot_from_text(
@@ -123,7 +123,7 @@ def _assemble(draft: Draft, document: Document) -> Robot:
     column = {axis.name: i for i, axis in enumerate(free)}
     drive, rest = np.zeros((draft.model.nv, len(free))), np.zeros(draft.model.nv)
     for axis in draft.axes:
-        leader, scale, offset = _resolve(axis, draft)
+        leader, scale, offset = _resolve_mimic(axis, draft)
         rest[axis.row] = offset
         if leader is not None:
             drive[axis.row, column[leader]] = scale
@@ -140,7 +140,7 @@ def _assemble(draft: Draft, document: Document) -> Robot:
         upper=np.array([axis.upper for axis in free]),
         velocity_limit=np.array([axis.velocity for axis in free]),
         effort_limit=np.array([axis.effort for axis in free]),
-        actuators=_stated(draft, drive),
+        actuators=_stated_actuators(draft, drive),
         document=draft.document,
         kind=draft.kind,
         path=document.path,
@@ -150,7 +150,7 @@ def _assemble(draft: Draft, document: Document) -> Robot:
     )
 
 
-def _resolve(axis: Axis, draft: Draft) -> tuple[str | None, float, float]:
+def _resolve_mimic(axis: Axis, draft: Draft) -> tuple[str | None, float, float]:
     """Independent joint that an axis follows (None: fixed), multiplier and offset, through chains of mimic joints."""
     known = {other.name: other for other in draft.axes}
     seen, leader, scale, offset = {axis.name}, axis, 1.0, 0.0
@@ -168,7 +168,7 @@ def _resolve(axis: Axis, draft: Draft) -> tuple[str | None, float, float]:
     return leader.name, scale, offset
 
 
-def _stated(draft: Draft, drive: Array) -> Actuators:
+def _stated_actuators(draft: Draft, drive: Array) -> Actuators:
     """Friction and armature stated by the description; those of mimic joints are added to the joint they follow."""
     nothing = np.full(drive.shape[1], np.nan)
 
@@ -195,16 +195,16 @@ def _springs(draft: Draft, drive: Array, rest: Array, joints: tuple[str, ...]) -
     return {joint: (total, part / total) for joint, total, part in found if total}
 
 
-def _held(robot: Robot, joints: Sequence[str] | None, lock: Mapping[str, float]) -> dict[str, float]:
+def _held_joints(robot: Robot, joints: Sequence[str] | None, lock: Mapping[str, float]) -> dict[str, float]:
     """Positions of the held joints: those locked, and those not among `joints`."""
-    locked = {robot.joints[find(joint, robot)]: joint for joint in lock}
+    locked = {robot.joints[find_joint(joint, robot)]: joint for joint in lock}
     held = {name: lock[joint] for name, joint in locked.items()}
     if len(held) < len(lock):
         raise RobotError(f"a joint of {robot.name} is locked twice, by name and by number; give one position for it")
     if joints is None:
         return held
     wanted = [joints] if isinstance(joints, str) else joints
-    moving = {robot.joints[find(joint, robot)] for joint in wanted}
+    moving = {robot.joints[find_joint(joint, robot)] for joint in wanted}
     if both := sorted(moving & held.keys()):
         raise RobotError(f"{shorten(both)} would both move and be locked; name a joint only once")
     return resting(robot, but=moving) | held
@@ -233,7 +233,7 @@ def parse_arguments(texts: Sequence[str]) -> dict[str, str]:
     """
     found: dict[str, str] = {}
     for text in texts:
-        if not ASSIGNED.match(text):
+        if not ASSIGNMENT.match(text):
             raise OptionError(f"--xacro {text[:80]!r} is not an argument and its value; write NAME:=VALUE")
         name, _, value = text.partition(":=")
         if name in found:
@@ -252,21 +252,21 @@ def as_arguments(given: Mapping[str, object] | None) -> dict[str, str]:
         return {}
     if not isinstance(given, Mapping):
         raise unexpected("xacro", "values by name of the argument", given, '{"name": "ur5e"}')
-    if len(given) > MOST:
-        raise OptionError(f"xacro has {len(given)} arguments; give {MOST} at most")
+    if len(given) > MAX_ARGUMENTS:
+        raise OptionError(f"xacro has {len(given)} arguments; give {MAX_ARGUMENTS} at most")
     for name in given:
-        if not isinstance(name, str) or not ASSIGNED.fullmatch(f"{name}:="):
+        if not isinstance(name, str) or not ASSIGNMENT.fullmatch(f"{name}:="):
             raise OptionError(f"xacro has {str(name)[:80]!r} as the name of an argument; give letters, digits and _")
-    return {name: _value(name, value) for name, value in given.items()}
+    return {name: _argument_text(name, value) for name, value in given.items()}
 
 
-def _value(name: str, value: object) -> str:
+def _argument_text(name: str, value: object) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if not isinstance(value, str | int | float):
         kind = type(value).__name__
         raise OptionError(f"the xacro argument {name} is of type {kind}; give a text, a number, True or False")
     text = value if isinstance(value, str) else repr(value)
-    if len(text) > LONGEST or CONTROL.search(text) or any("\ud800" <= letter <= "\udfff" for letter in text):
+    if len(text) > MAX_VALUE_LETTERS or CONTROL.search(text) or any("\ud800" <= letter <= "\udfff" for letter in text):
         raise OptionError(f"the value of the xacro argument {name} is no text of one line; give one of UTF-8")
     return text

@@ -14,9 +14,9 @@ from urllib.parse import unquote
 from ..errors import RobotError, shorten
 from .description.sandbox import may_read
 
-_DATA = "example-robot-data"
-_PACKAGE, _FILE = ("package://", "model://"), "file://"
-_FAMILIAR = dict(  # names in the loaders of example-robot-data -> file stems
+_DATA_FOLDER = "example-robot-data"
+_PACKAGE_SCHEMES, _FILE_SCHEME = ("package://", "model://"), "file://"
+_LOADER_STEMS = dict(  # names in the loaders of example-robot-data -> file stems
     pair.split("=")
     for pair in (
         "alexander=alexander_v1.lowerBodyOnly anymal=anymal_b_simple/anymal anymal_b=anymal_b_simple/anymal "
@@ -49,7 +49,7 @@ def locate(source: str | Path) -> Path:
             return path / "robot.urdf"
     except OSError as error:
         raise RobotError(f"{given[:80]} cannot be reached ({error.strerror}); check the path") from None
-    known = _known()
+    known = _named_files()
     by_case = {name.casefold(): name for name in sorted(known, reverse=True)}
     name = given if given in known else by_case.get(given.casefold())
     if name is not None:
@@ -65,7 +65,7 @@ def locate(source: str | Path) -> Path:
 
 def names() -> tuple[str, ...]:
     """Names of the robots that load without a path, sorted."""
-    return tuple(sorted((name for name, path in _known().items() if path.suffix == ".urdf"), key=str.casefold))
+    return tuple(sorted((name for name, path in _named_files().items() if path.suffix == ".urdf"), key=str.casefold))
 
 
 def saved_model(source: str | Path, exported: bool = False) -> Path | None:
@@ -79,7 +79,7 @@ def saved_model(source: str | Path, exported: bool = False) -> Path | None:
     found = robots_folder() / name / "model.json"
     if Path(name).name != name or not found.is_file() or path.is_file() or (path / "robot.urdf").is_file():
         return None
-    return found if exported or _known().get(name, found).parent == found.parent else None
+    return found if exported or _named_files().get(name, found).parent == found.parent else None
 
 
 def robots_folder() -> Path:
@@ -96,21 +96,21 @@ def find_mesh(name: str, description: str, package_dirs: Sequence[str | Path] = 
     `package_dirs` (packages, or folders of packages), in ROS_PACKAGE_PATH, above the description and in
     example-robot-data. The name is package://PACKAGE/PATH, file://PATH, or a path relative to the description.
     """
-    package = next((head for head in _PACKAGE if name.startswith(head)), None)
+    package = next((head for head in _PACKAGE_SCHEMES if name.startswith(head)), None)
     try:
         if package is not None:
             return _in_package(unquote(name.removeprefix(package)), description, package_dirs)
-        return _beside(Path(unquote(name.removeprefix(_FILE))), description, package_dirs)
+        return _find_near(Path(unquote(name.removeprefix(_FILE_SCHEME))), description, package_dirs)
     except (OSError, ValueError):  # a name too long for the file system, or with a null character
         return None
 
 
-def _shared() -> list[Path]:
+def _data_folders() -> list[Path]:
     """Folder of example-robot-data, if any, below the prefix of Pinocchio (wheels and conda)."""
     spec = find_spec("pinocchio")
     above = Path(spec.origin).parents if spec is not None and spec.origin else ()
     places = (prefix / part for prefix in above for part in ("share", "Library/share"))  # the latter on Windows
-    return [place for place in places if (place / _DATA / "robots").is_dir()][:1]
+    return [place for place in places if (place / _DATA_FOLDER / "robots").is_dir()][:1]
 
 
 def _in_package(inside: str, description: str, package_dirs: Sequence[str | Path]) -> Path | None:
@@ -119,7 +119,7 @@ def _in_package(inside: str, description: str, package_dirs: Sequence[str | Path
         return None
     stated = filter(None, os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep))
     above = Path(description).resolve().parents[:-1] if description else ()
-    for root in (*map(Path, (*package_dirs, *stated)), *above, *_shared()):
+    for root in (*map(Path, (*package_dirs, *stated)), *above, *_data_folders()):
         if (root / inside).is_file():
             return root / inside
         if root.name == package and (root / rest).is_file():
@@ -127,27 +127,27 @@ def _in_package(inside: str, description: str, package_dirs: Sequence[str | Path
     return None
 
 
-def _beside(path: Path, description: str, package_dirs: Sequence[str | Path]) -> Path | None:
+def _find_near(path: Path, description: str, package_dirs: Sequence[str | Path]) -> Path | None:
     near = Path(description).parent if description else None
     place = path if path.is_absolute() else near and near / path
-    folders = [*package_dirs, *_shared(), *([near] if near else [])]
+    folders = [*package_dirs, *_data_folders(), *([near] if near else [])]
     return place if place and may_read(place, folders) and place.is_file() else None
 
 
 @lru_cache(maxsize=1)
-def _known() -> dict[str, Path]:
+def _named_files() -> dict[str, Path]:
     return _examples() | {path.parent.name: path for path in sorted(robots_folder().glob("*/robot.urdf"))}
 
 
 def _examples() -> dict[str, Path]:
     """URDF files of example-robot-data by stem, or by "folder/stem" if the stem is ambiguous."""
-    if not _shared():
+    if not _data_folders():
         return {}
-    folder = _shared()[0] / _DATA / "robots"
+    folder = _data_folders()[0] / _DATA_FOLDER / "robots"
     paths = sorted(folder.rglob("*.urdf"))
     count = Counter(path.stem for path in paths)
     full = {f"{path.relative_to(folder).parts[0].removesuffix('_description')}/{path.stem}": path for path in paths}
     unique = {path.stem: path for path in paths if count[path.stem] == 1}
-    familiar = {name: (unique | full)[stem] for name, stem in _FAMILIAR.items() if stem in unique or stem in full}
+    familiar = {name: (unique | full)[stem] for name, stem in _LOADER_STEMS.items() if stem in unique or stem in full}
     found = {path.stem: path for path in sorted(folder.rglob("*.sdf"))} | unique | familiar
     return found | {name: path for name, path in full.items() if path not in found.values()}

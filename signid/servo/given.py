@@ -9,7 +9,7 @@ from math import inf, isfinite, nan
 from typing import Any, NamedTuple, TypeVar
 
 from ..errors import OptionError, shorten
-from ..robot.joints import find
+from ..robot.joints import find_joint
 from ..servos import LARGEST, LIMITS, PASSIVE, SERVO_NUMBERS, SERVO_UNITS, SMALLEST, Servo, number_fault
 from ..types import Robot
 
@@ -150,7 +150,7 @@ def _entry(option: str, text: str, robot: Robot, joints: Sequence[str]) -> _Entr
     if mark == "@":
         own = _matched(which, joints)
     elif mark:
-        own = (robot.joints[find(which, robot)],)
+        own = (robot.joints[find_joint(which, robot)],)
     if not own or not set(own) <= set(joints):
         raise OptionError(f"{option} is {text!r}, and {which!r} is no servo joint; they are {shorten(joints)}")
     return _Entry(option, text, number, own, value)

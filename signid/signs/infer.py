@@ -10,25 +10,25 @@ import numpy as np
 
 from ..regression.rows import Task
 from ..types import Array, Frozen
-from .observations import Observed, Segment, runs_between_minima, split_by_signs, split_impure, threshold_runs
+from .observations import Observations, Segment, runs_between_minima, split_by_signs, split_impure, threshold_runs
 from .result import SignProof
 from .samples import RefinedSigns, refine_signs
 from .search.branch_and_bound import PhysicalCone, cone_inequalities
 from .search.exact import RivalSigns, SignSolution, enumerate_near, search_signs
-from .search.problem import KnownRows, SignProblem, build_problem, friction_patterns, known_rows, signed_rows
+from .search.problem import KnownRows, SignProblem, build_sign_problem, friction_patterns, known_rows, signed_rows
 from .thresholds import (
-    CONFIDENT,
-    CORRELATED_RESIDUAL,
-    LARGE_RESIDUAL,
+    CERTAIN_CONFIDENCE,
+    MAX_RESIDUAL_KAPPA,
+    MAX_RESIDUAL_SHARE,
+    MAX_SPLITS,
     NOISE_FLOOR,
     RECHECK_ROUNDS,
     RIVAL_WINDOW,
-    SPLIT_ROUNDS,
 )
 
-UNCORRELATED = 0.05  # [1] autocorrelation from which later lags are ignored; tuned on logs and simulations
-PAIRS = 0.1  # [share of the samples] smallest number of pairs that estimates a correlation; heuristic
-LEAST_SAMPLES = 2  # [samples] of a part of a run; a single sample has no confidence of its own
+MIN_AUTOCORRELATION = 0.05  # [1] autocorrelation from which later lags are ignored; tuned on logs and simulations
+MIN_PAIR_SHARE = 0.1  # [share of the samples] smallest number of pairs that estimates a correlation; heuristic
+MIN_PART_SAMPLES = 2  # [samples] of a part of a run; a single sample has no confidence of its own
 
 
 def sign_confidence(problem: SignProblem, signs: Array, rivals: RivalSigns) -> Array:
@@ -75,10 +75,10 @@ def inflation(residual: Array, runs: Sequence[tuple[int, int]]) -> float:
     longest, total = max((stop - start for start, stop in runs), default=0), 1.0
     for lag in range(1, longest if power > 0 else 0):
         pairs = inside[lag:] & inside[:-lag] & (run[lag:] == run[:-lag])
-        if pairs.sum() < PAIRS * count:
+        if pairs.sum() < MIN_PAIR_SHARE * count:
             break
         correlation = float(np.mean((values[lag:] * values[:-lag])[pairs])) / power
-        if correlation < UNCORRELATED:
+        if correlation < MIN_AUTOCORRELATION:
             break
         total += 2 * correlation
     return total
@@ -88,7 +88,7 @@ def inflation(residual: Array, runs: Sequence[tuple[int, int]]) -> float:
 class SegmentSearch(Frozen):
     """Search over the signs of any segments of some observations."""
 
-    observed: Observed
+    observed: Observations
     inequalities: Array  # (g, b) rows c with c'theta >= 0 [1 over units of base]
     seed: int = 0
 
@@ -123,25 +123,25 @@ def recheck_signs(
     one over the standard deviation of independent samples.
     """
     known = known_rows(search.observed, weights)
-    segments = [s for s in split_by_signs(runs, refined.signs) if s.length >= LEAST_SAMPLES]
+    segments = [s for s in split_by_signs(runs, refined.signs) if s.length >= MIN_PART_SAMPLES]
     for left in reversed(range(RECHECK_ROUNDS)):
-        problem = build_problem(search.observed, segments, weights, known)
-        start = np.array([_majority(refined, s) for s in segments] + [1.0] * (problem.count - len(segments)))
+        problem = build_sign_problem(search.observed, segments, weights, known)
+        start = np.array([_majority_sign(refined, s) for s in segments] + [1.0] * (problem.count - len(segments)))
         cone = search.cone(problem)
-        solution = search.solve(problem, segments, start) if free else _unchanged(problem, cone, start)
+        solution = search.solve(problem, segments, start) if free else _unproved(problem, cone, start)
         rivals = enumerate_near(problem, cone, solution, RIVAL_WINDOW)
         confidence = sign_confidence(problem, solution.signs, rivals)
         uncertain = {run for run in runs if _is_uncertain(run, segments, confidence)}
         if not uncertain or not left:
             break
-        segments = sorted([*(s for s in segments if not any(_holds(run, s) for run in uncertain)), *uncertain])
+        segments = sorted([*(s for s in segments if not any(_contains(run, s) for run in uncertain)), *uncertain])
     return RecheckedSigns(segments, problem, solution, rivals, confidence)
 
 
-def apply_signs(observed: Observed, refined: RefinedSigns, rechecked: RecheckedSigns) -> RefinedSigns:
+def apply_signs(observed: Observations, refined: RefinedSigns, rechecked: RecheckedSigns) -> RefinedSigns:
     """Give all samples of a segment the sign of the segment; refine again if a sign changed."""
     signs = rechecked.solution.signs[: len(rechecked.segments)]
-    if any(_majority(refined, s) != sign for s, sign in zip(rechecked.segments, signs, strict=True)):
+    if any(_majority_sign(refined, s) != sign for s, sign in zip(rechecked.segments, signs, strict=True)):
         refined = refine_signs(observed, rechecked.problem.back @ rechecked.solution.coordinates)
     samples = refined.signs.copy()
     for (joint, start, stop), sign in zip(rechecked.segments, signs, strict=True):
@@ -149,22 +149,22 @@ def apply_signs(observed: Observed, refined: RefinedSigns, rechecked: RecheckedS
     return replace(refined, signs=samples)
 
 
-def _majority(refined: RefinedSigns, segment: Segment) -> float:
+def _majority_sign(refined: RefinedSigns, segment: Segment) -> float:
     joint, start, stop = segment
     return 1.0 if refined.signs[start:stop, joint].sum() >= 0 else -1.0
 
 
 def _is_uncertain(run: Segment, segments: Sequence[Segment], confidence: Array) -> bool:
     """Whether a run was split, and the confidence of one of its parts is low."""
-    parts = [k for k, s in enumerate(segments) if _holds(run, s)]
-    return segments[parts[0]] != run and min(confidence[parts]) < CONFIDENT if parts else False
+    parts = [k for k, s in enumerate(segments) if _contains(run, s)]
+    return segments[parts[0]] != run and min(confidence[parts]) < CERTAIN_CONFIDENCE if parts else False
 
 
-def _holds(run: Segment, part: Segment) -> bool:
+def _contains(run: Segment, part: Segment) -> bool:
     return run.joint == part.joint and run.start <= part.start and part.stop <= run.stop
 
 
-def _unchanged(problem: SignProblem, cone: PhysicalCone, signs: Array) -> SignSolution:
+def _unproved(problem: SignProblem, cone: PhysicalCone, signs: Array) -> SignSolution:
     """Given signs as a solution without proof."""
     z = problem.coordinates(signs)
     squared, nearest = cone.distance(z)
@@ -172,7 +172,7 @@ def _unchanged(problem: SignProblem, cone: PhysicalCone, signs: Array) -> SignSo
 
 
 @dataclass(frozen=True, eq=False)
-class Inferred(Frozen):
+class InferredSigns(Frozen):
     """Signs of S segments and N samples of n joints, their confidence, and the evidence for flags."""
 
     segments: tuple[Segment, ...]  # S
@@ -213,7 +213,7 @@ class _Attempt(Frozen):
     finer: bool = False  # whether segments are runs between minima
 
 
-def infer(task: Task, observed: Observed, seed: int = 0, choose: ChooseSigns | None = None) -> Inferred:
+def infer(task: Task, observed: Observations, seed: int = 0, choose: ChooseSigns | None = None) -> InferredSigns:
     """Infer the signs of the joints whose torque has none.
 
     The problem is solved twice: weighted by the rms torque of the joints, to start the refinement of samples, then in
@@ -233,7 +233,7 @@ def infer(task: Task, observed: Observed, seed: int = 0, choose: ChooseSigns | N
     rechecked = recheck_signs(search, segments, refined, 1 / (sigma * np.sqrt(kappa)), choose is None)
     solution, count = rechecked.solution, len(rechecked.segments)
     split = [run.joint for run in segments if run not in set(rechecked.segments)]
-    return Inferred(
+    return InferredSigns(
         segments=tuple(rechecked.segments),
         signs=solution.signs[:count],
         confidence=rechecked.confidence[:count],
@@ -260,8 +260,8 @@ def _search_exactly(search: SegmentSearch, segments: Sequence[Segment]) -> _Atte
         return SignChoice(solution.signs, solution.coordinates, solution.proof)
 
     attempt = _attempt(observed, segments, choose, known)
-    large = attempt.refined.sigma / observed.scale > LARGE_RESIDUAL
-    if attempt.splits or np.any(large & (_inflations(observed, attempt) > CORRELATED_RESIDUAL)):
+    large = attempt.refined.sigma / observed.scale > MAX_RESIDUAL_SHARE
+    if attempt.splits or np.any(large & (_inflations(observed, attempt) > MAX_RESIDUAL_KAPPA)):
         other = _attempt(observed, runs_between_minima(observed), choose, known)
         if other.refined.loss < attempt.refined.loss:
             return replace(other, finer=True)
@@ -269,12 +269,12 @@ def _search_exactly(search: SegmentSearch, segments: Sequence[Segment]) -> _Atte
 
 
 def _attempt(
-    observed: Observed, segments: Sequence[Segment], choose: ChooseSigns, known: KnownRows, rounds: int = SPLIT_ROUNDS
+    observed: Observations, segments: Sequence[Segment], choose: ChooseSigns, known: KnownRows, rounds: int = MAX_SPLITS
 ) -> _Attempt:
     """Search, split segments in which the model changes sign, and search again; then refine the signs of samples."""
     weights, total = 1 / observed.scale, 0
     for _ in range(rounds):
-        problem = build_problem(observed, segments, weights, known)
+        problem = build_sign_problem(observed, segments, weights, known)
         choice = choose(problem, segments)
         predicted = observed.predict(problem.back @ choice.coordinates)
         noise = np.sqrt(np.mean((np.abs(predicted) - np.abs(observed.torque)) ** 2, axis=0))
@@ -285,7 +285,7 @@ def _attempt(
     return _Attempt(tuple(segments), choice, refine_signs(observed, problem.back @ choice.coordinates), total)
 
 
-def _inflations(observed: Observed, attempt: _Attempt) -> Array:
+def _inflations(observed: Observations, attempt: _Attempt) -> Array:
     """Autocorrelation time kappa (n,) of each joint's residual inside its segments, away from reversals [1]."""
     refined, segments = attempt.refined, attempt.segments
     residual = refined.signs * np.abs(observed.torque) - observed.predict(refined.value)

@@ -19,10 +19,10 @@ from ..types import Array, Frozen, Indices, Mask, Samples, prismatic_unit
 from .thresholds import (
     CUTOFF_SAMPLES,
     JUMP_TORQUE,
-    LEAST_RATE,
+    MAX_GRID_SAMPLES,
+    MIN_GRID_RATE,
     MINIMUM_CEILING,
     MINIMUM_FLOOR,
-    MOST_SAMPLES,
     MOVING_SHARE,
     POSITION_BANDWIDTH,
     REST_DURATION,
@@ -34,11 +34,11 @@ from .thresholds import (
     SPLIT_SAMPLES,
 )
 
-WINDOW = 8192  # [samples] of a recording processed at a time; bounds memory
+MAX_WINDOW_SAMPLES = 8192  # [samples] of a recording processed at a time; bounds memory
 
 
 @dataclass(frozen=True, eq=False)
-class Observed(Frozen):
+class Observations(Frozen):
     """Observations for sign recovery: N samples of n joints on thinned grids, spans and recordings concatenated."""
 
     part: Indices  # (N,) index of the recording
@@ -97,7 +97,7 @@ class MotionWindow(NamedTuple):
     steady: Mask  # (N, n) far enough from a reversal, and from the ends of the span for the filter
 
 
-def observe(task: Task, parts: Sequence[Part]) -> Observed:
+def observe(task: Task, parts: Sequence[Part]) -> Observations:
     """Rows of some recordings, thinned for the search."""
     step = thinning(task, parts)
     windows = [(k, window) for k, part in enumerate(parts) for window in motion_windows(task, part, step)]
@@ -108,7 +108,7 @@ def observe(task: Task, parts: Sequence[Part]) -> Observed:
     lengths = [len(motion) for motion in motions]
     first = np.zeros(sum(lengths), dtype=bool)
     first[np.cumsum([0, *lengths[:-1]])] = [window.first for _, window in windows]
-    return Observed(
+    return Observations(
         part=np.repeat([k for k, _ in windows], lengths).astype(np.intp),
         first=first,
         t=np.concatenate([motion.t for motion in motions]),
@@ -147,8 +147,8 @@ def law_coefficients(task: Task) -> dict[int, tuple[str, int]]:
 def thinning(task: Task, parts: Sequence[Part]) -> int:
     """Number of recorded samples per sample of the grid."""
     rate, total = task.band.rate, sum(s.length(span) for _, s in parts for span in s.spans)
-    dense = max(LEAST_RATE, CUTOFF_SAMPLES * task.band.cutoff) if task.band.filtered else rate
-    return max(1, int(rate / dense), -(-total // MOST_SAMPLES))
+    dense = max(MIN_GRID_RATE, CUTOFF_SAMPLES * task.band.cutoff) if task.band.filtered else rate
+    return max(1, int(rate / dense), -(-total // MAX_GRID_SAMPLES))
 
 
 def motion_windows(task: Task, part: Part, step: int) -> Iterator[MotionWindow]:
@@ -158,14 +158,14 @@ def motion_windows(task: Task, part: Part, step: int) -> Iterator[MotionWindow]:
     """
     recording, sampling = part
     band = replace(task.band, beyond=POSITION_BANDWIDTH)
-    edge, size = margin(band, task.recorded_derivatives), -(-WINDOW // step) * step
+    edge, size = margin(band, task.recorded_derivatives), -(-MAX_WINDOW_SAMPLES // step) * step
     reach = int(np.ceil(0.5 * band.rate / band.position_cutoff))
     for span in sampling.spans:
         total = sampling.length(span)
         for k in range(0, total, size):
             stop = min(k + size, total)
             low, high = max(k - edge, 0), min(stop + edge, total)
-            window = _extended(samples(recording, sampling, span, low, high), low - k + edge, stop + edge - high)
+            window = _extend_window(samples(recording, sampling, span, low, high), low - k + edge, stop + edge - high)
             motion = build_motion(task.robot, window, band, sampling.period, task.recorded_derivatives, task.slow)
             assert motion.recorded is not None, "windows carry torque"
             place = np.arange(k, stop)
@@ -174,7 +174,7 @@ def motion_windows(task: Task, part: Part, step: int) -> Iterator[MotionWindow]:
             yield MotionWindow(k == 0, motion, motion.recorded, steady & whole[:, None])
 
 
-def _extended(window: Samples, before: int, after: int) -> Samples:
+def _extend_window(window: Samples, before: int, after: int) -> Samples:
     sides: Any = [(before, after), (0, 0)]
     signals = {key: x for key, x in window._asdict().items() if np.ndim(x)}
     longer = {key: np.pad(x, sides[: x.ndim], mode="reflect", reflect_type="odd") for key, x in signals.items()}
@@ -198,7 +198,7 @@ class Segment(NamedTuple):
         return [Segment(self.joint, a, b) for a, b in pairwise([self.start, *at, self.stop])]
 
 
-def threshold_runs(observed: Observed) -> tuple[list[Segment], Array]:
+def threshold_runs(observed: Observations) -> tuple[list[Segment], Array]:
     """Runs of |torque| at or above its quantile in motion, and the thresholds (n,) [N.m or N].
 
     Raises:
@@ -223,7 +223,7 @@ def threshold_runs(observed: Observed) -> tuple[list[Segment], Array]:
     return found, threshold
 
 
-def runs_between_minima(observed: Observed) -> list[Segment]:
+def runs_between_minima(observed: Observations) -> list[Segment]:
     """Runs between the low local minima of |torque|, inside which no change of sign can hide.
 
     A joint without such runs gets its runs above the threshold.
@@ -241,7 +241,7 @@ def runs_between_minima(observed: Observed) -> list[Segment]:
 
 
 def split_impure(
-    observed: Observed, segments: Sequence[Segment], predicted: Array, noise: Array
+    observed: Observations, segments: Sequence[Segment], predicted: Array, noise: Array
 ) -> tuple[list[Segment], int]:
     """Split segments where a model, predicted (N, n) [N.m or N], clearly changes sign, and count the splits.
 
@@ -249,7 +249,7 @@ def split_impure(
     """
     found: list[Segment] = []
     for segment in segments:
-        at = _changes(observed, segment, predicted[:, segment.joint], float(noise[segment.joint]))
+        at = _split_samples(observed, segment, predicted[:, segment.joint], float(noise[segment.joint]))
         found += [part for part in segment.cut(at) if part.length >= SPLIT_SAMPLES]
     return found, len(found) - len(segments)
 
@@ -263,7 +263,7 @@ def split_by_signs(segments: Sequence[Segment], signs: Array) -> list[Segment]:
     return found
 
 
-def in_motion(observed: Observed, joint: int) -> Mask:
+def in_motion(observed: Observations, joint: int) -> Mask:
     """Mask (N,) of the samples in which a joint is not at rest; static friction of a joint at rest is unknown."""
     found = np.ones(len(observed), dtype=bool)
     for _, start, stop in runs(observed, joint, ~observed.steady[:, joint]):
@@ -271,7 +271,7 @@ def in_motion(observed: Observed, joint: int) -> Mask:
     return found
 
 
-def runs(observed: Observed, joint: int, inside: Mask) -> Iterator[Segment]:
+def runs(observed: Observations, joint: int, inside: Mask) -> Iterator[Segment]:
     """Runs of consecutive samples inside a mask (N,); a run ends where a span does."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], inside, [0]]).astype(np.int8)))
     begins = np.flatnonzero(observed.first)
@@ -288,7 +288,7 @@ def _long_runs(found: Sequence[Segment], least: int) -> list[Segment]:
     return [run for run, keep in zip(found, enough, strict=True) if keep]
 
 
-def _changes(observed: Observed, segment: Segment, predicted: Array, noise: float) -> Iterator[int]:
+def _split_samples(observed: Observations, segment: Segment, predicted: Array, noise: float) -> Iterator[int]:
     """Samples at which to split a segment: lowest |torque| between clear runs of opposite signs of the model."""
     own = predicted[segment.start : segment.stop]
     clear = np.where(np.abs(own) > SPLIT_DEVIATIONS * noise, np.sign(own), 0.0)
@@ -303,7 +303,7 @@ def _changes(observed: Observed, segment: Segment, predicted: Array, noise: floa
             yield segment.start + int(one[-1] + np.argmin(magnitude[one[-1] : other[0] + 1]))
 
 
-def _too_short(observed: Observed, joint: int, found: Sequence[Segment]) -> str:
+def _too_short(observed: Observations, joint: int, found: Sequence[Segment]) -> str:
     longest = max((run.length for run in found), default=0)
     have = f"the longest has {longest} sample{'' if longest == 1 else 's'}, {SEGMENT_SAMPLES} are needed"
     fact = f"no run of |torque| of {observed.joints[joint]} above its threshold is long enough ({have})"
@@ -316,7 +316,7 @@ def _too_short(observed: Observed, joint: int, found: Sequence[Segment]) -> str:
     return f"{fact}, so the sign may change from sample to sample; record faster, or move more slowly"
 
 
-def place_sign_changes(observed: Observed, signs: Array, predicted: Array) -> Array:
+def place_sign_changes(observed: Observations, signs: Array, predicted: Array) -> Array:
     """Move changes of the signs (N, n) [1] near a reversal to where the model, predicted (N, n) [N.m or N], has them.
 
     Applies to stretches near a reversal whose ends differ in sign and whose torque is large throughout: the torque

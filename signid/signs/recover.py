@@ -14,33 +14,33 @@ from ..recording.sampling import time_origin
 from ..regression.factors import Factors
 from ..regression.session import Options, Part, Session, prepare, rearrange
 from ..types import BaseMap, Estimate, Indices, Progress, Recording, Robot
-from .infer import Inferred, infer
-from .observations import Observed, observe, thinning
+from .infer import InferredSigns, infer
+from .observations import Observations, observe, thinning
 from .result import Signs, SignSegment, Trace
 from .rows_of_file import signs_of_rows
 from .samples import RefinedSigns, expect_signs, place_jumps, refine_signs
 from .search.exact import ascend
 from .search.problem import friction_patterns
 from .thresholds import (
-    COARSE_STEP,
-    CORRELATED_RESIDUAL,
     FLIP_PROBABILITY,
     IMPURE_SHARE,
-    INVISIBLE_BODIES,
-    LARGE_RESIDUAL,
+    MAX_RESIDUAL_KAPPA,
+    MAX_RESIDUAL_SHARE,
+    MAX_RESOLUTION_STEP,
+    MAX_ROUND_CHANGE,
+    MIN_BODY_TORQUE,
     NEAR_OFFSET_LIMIT,
     OFFSET_DEVIATIONS,
     OFFSET_LIMIT,
     RIVAL_WINDOW,
-    UNSETTLED_CHANGE,
 )
 from .torque_constants import TorqueConstants, constant_sensitivity, find_gains
 from .tree import by_tree
 
-METHODS = ("exact", "tree")
+SIGN_METHODS = ("exact", "tree")
 
 
-def raise_flags(observed: Observed, inferred: Inferred) -> tuple[str, ...]:
+def raise_flags(observed: Observations, inferred: InferredSigns) -> tuple[str, ...]:
     """One sentence for each reason why the signs are unreliable; empty if there is none."""
     return (
         *_unfinished(inferred),
@@ -53,7 +53,7 @@ def raise_flags(observed: Observed, inferred: Inferred) -> tuple[str, ...]:
     )
 
 
-def _unfinished(inferred: Inferred) -> Iterator[str]:
+def _unfinished(inferred: InferredSigns) -> Iterator[str]:
     proof, refined = inferred.proof, inferred.refined
     if not proof.optimal:
         bound = f"gap {proof.gap:.2g}" if proof.has_bound else "no bound was proved"
@@ -66,14 +66,14 @@ def _unfinished(inferred: Inferred) -> Iterator[str]:
             "too many other signs are nearly as good as the best to be enumerated, so confidences may be too high; do "
             "not take the signs for measured"
         )
-    if refined.change > UNSETTLED_CHANGE:
+    if refined.change > MAX_ROUND_CHANGE:
         yield (
             f"signs and parameters had not settled after {refined.rounds} rounds of refinement (the last one changed "
             f"the torque by {100 * refined.change:.2g} %), so signs of small torques may be wrong"
         )
 
 
-def _undecided(observed: Observed, inferred: Inferred) -> Iterator[str]:
+def _undecided(observed: Observations, inferred: InferredSigns) -> Iterator[str]:
     joints = [joint for joint, share in inferred.flip_probability.items() if share > FLIP_PROBABILITY]
     if not joints:
         return
@@ -92,7 +92,7 @@ def _undecided(observed: Observed, inferred: Inferred) -> Iterator[str]:
     )
 
 
-def _large_offset(observed: Observed, inferred: Inferred) -> Iterator[str]:
+def _large_offset(observed: Observations, inferred: InferredSigns) -> Iterator[str]:
     place = {law: k for k, law in observed.coefficients.items()}
     std = np.linalg.norm(inferred.problem.back, axis=1)  # of the base parameters
     for joint in observed.hidden:
@@ -109,7 +109,7 @@ def _large_offset(observed: Observed, inferred: Inferred) -> Iterator[str]:
             )
 
 
-def _invisible_bodies(observed: Observed, inferred: Inferred) -> Iterator[str]:
+def _invisible_bodies(observed: Observations, inferred: InferredSigns) -> Iterator[str]:
     """Joints with hardly any rigid-body torque, whose friction signs are nearly as good as rivals or the reverse."""
     problem, bodies = inferred.problem, inferred.refined.value.copy()
     bodies[list(observed.coefficients)] = 0.0
@@ -120,7 +120,7 @@ def _invisible_bodies(observed: Observed, inferred: Inferred) -> Iterator[str]:
         joint = int(problem.joints[own][0])
         others = ascend(problem, np.where(own, [signs * pattern, -signs * pattern], signs), joints=False)
         rivals = [problem.loss(other) for other in others if np.any(other[own] != signs[own])]
-        if share[joint] < INVISIBLE_BODIES and min(rivals, default=np.inf) < problem.loss(signs) + RIVAL_WINDOW:
+        if share[joint] < MIN_BODY_TORQUE and min(rivals, default=np.inf) < problem.loss(signs) + RIVAL_WINDOW:
             yield (
                 f"the torque of {observed.joints[joint]} shows nothing of the robot's bodies, so Coulomb friction and "
                 f"an offset explain it equally well and the signs rest on the prior that friction is larger; "
@@ -128,9 +128,9 @@ def _invisible_bodies(observed: Observed, inferred: Inferred) -> Iterator[str]:
             )
 
 
-def _unexplained(observed: Observed, inferred: Inferred) -> Iterator[str]:
+def _unexplained(observed: Observations, inferred: InferredSigns) -> Iterator[str]:
     share = inferred.refined.sigma / observed.scale
-    bad = [j for j in observed.hidden if share[j] > LARGE_RESIDUAL and inferred.inflation[j] > CORRELATED_RESIDUAL]
+    bad = [j for j in observed.hidden if share[j] > MAX_RESIDUAL_SHARE and inferred.inflation[j] > MAX_RESIDUAL_KAPPA]
     if bad:
         names = ", ".join(f"{observed.joints[j]} ({100 * share[j]:.0f} %)" for j in bad)
         yield (
@@ -139,11 +139,11 @@ def _unexplained(observed: Observed, inferred: Inferred) -> Iterator[str]:
         )
 
 
-def _coarse(observed: Observed) -> Iterator[str]:
+def _coarse(observed: Observations) -> Iterator[str]:
     for joint in observed.hidden:
         levels = np.unique(np.abs(observed.torque[:, joint]))
         step = float(np.median(np.diff(levels))) if len(levels) > 1 else 0.0
-        if len(levels) < len(observed) / 4 and step > COARSE_STEP * observed.scale[joint]:
+        if len(levels) < len(observed) / 4 and step > MAX_RESOLUTION_STEP * observed.scale[joint]:
             yield (
                 f"the torque of {observed.joints[joint]} is recorded in steps of {step:.2g} {observed.units[joint]}, "
                 f"{100 * step / observed.scale[joint]:.0f} % of its rms, so signs of small torques cannot be inferred; "
@@ -151,7 +151,7 @@ def _coarse(observed: Observed) -> Iterator[str]:
             )
 
 
-def _impure(observed: Observed, inferred: Inferred) -> Iterator[str]:
+def _impure(observed: Observations, inferred: InferredSigns) -> Iterator[str]:
     joints: Indices = np.array([s.joint for s in inferred.segments])
     for joint, count in inferred.impure.items():
         if count > IMPURE_SHARE * max(int(np.sum(joints == joint)), 1):
@@ -223,8 +223,8 @@ def recover(session: Session, *, method: str = "exact", progress: Progress | Non
     Raises:
         OptionError: there is no such method, or a torque constant is neither known nor identifiable.
     """
-    if method not in METHODS:
-        raise OptionError(f"signs {method!r} is none of {', '.join(METHODS)}")
+    if method not in SIGN_METHODS:
+        raise OptionError(f"signs {method!r} is none of {', '.join(SIGN_METHODS)}")
     unscaled = any(recording.scaled is not None for recording in session.recordings)
     gains = find_gains(session, progress) if unscaled else None
     if gains is not None:
@@ -256,7 +256,7 @@ def recover(session: Session, *, method: str = "exact", progress: Progress | Non
         if part in learn:
             expected[part[0]] = with_signs(part[0], expect_signs(task, part, value, inferred.refined.sigma, signs))
     whole, learning = session.exchange(signed), session.exchange(signed | expected)
-    notes = (*_notes(observed, inferred), *_unused(observed, learn))
+    notes = (*_sign_notes(observed, inferred), *_unused(observed, learn))
     return Recovered(whole, learning, _result(session, observed, inferred, notes, tuple(traced.values()), method))
 
 
@@ -273,7 +273,7 @@ def _same_torques(recordings: Sequence[Recording]) -> None:
             )
 
 
-def _traces(observed: Observed, parts: Sequence[Part], refined: RefinedSigns) -> dict[Recording, Trace]:
+def _traces(observed: Observations, parts: Sequence[Part], refined: RefinedSigns) -> dict[Recording, Trace]:
     """Per recording, its thinned samples with the signs found."""
     predicted, found = observed.predict(refined.value), {}
     for k, (recording, _) in enumerate(parts):
@@ -292,8 +292,8 @@ def _traces(observed: Observed, parts: Sequence[Part], refined: RefinedSigns) ->
 
 def _result(
     session: Session,
-    observed: Observed,
-    inferred: Inferred,
+    observed: Observations,
+    inferred: InferredSigns,
     notes: tuple[str, ...],
     traces: tuple[Trace, ...],
     method: str,
@@ -321,7 +321,7 @@ def _result(
     )
 
 
-def _notes(observed: Observed, inferred: Inferred) -> tuple[str, ...]:
+def _sign_notes(observed: Observations, inferred: InferredSigns) -> tuple[str, ...]:
     notes = [*inferred.notes]
     if inferred.finer:
         notes.append(
@@ -333,7 +333,7 @@ def _notes(observed: Observed, inferred: Inferred) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _unused(observed: Observed, parts: Sequence[Part]) -> tuple[str, ...]:
+def _unused(observed: Observations, parts: Sequence[Part]) -> tuple[str, ...]:
     """A note on signs that some recordings have and others lack."""
     some = [observed.joints[j] for j in observed.hidden if any(recording.signed[j] for recording, _ in parts)]
     note = f"signs of {shorten(some)}, which some recordings have, were not used: other recordings lack them"

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..types import Array, Frozen, Indices, Result
-from .thresholds import CONFIDENT, UNPROVED_GAP
+from .thresholds import CERTAIN_CONFIDENCE, UNPROVED_GAP
 
 
 class SignProof(NamedTuple):
@@ -81,6 +81,6 @@ class Signs(Result):
         """The segments of one joint."""
         return tuple(segment for segment in self.segments if segment.joint == joint)
 
-    def is_certain(self, least: float = CONFIDENT) -> bool:
+    def is_certain(self, least: float = CERTAIN_CONFIDENCE) -> bool:
         """Whether no flag is raised and the confidence of every segment is at least `least`."""
         return not self.flags and bool(np.all([segment.confidence >= least for segment in self.segments]))

@@ -12,18 +12,18 @@ from ..recording.sampling import Sampling
 from ..recording.sampling.grid import Stretch, row_times
 from ..types import Array, Indices, Mask, Recording
 
-CHUNK = 65_536  # [rows] read at a time; bounds memory
-SMALL = 0.05  # [rms torque] minima of |torque| below it, beyond the samples, may be changes of sign; heuristic
-NEAR = 0.01  # [periods] time tolerance of matching rows to instants; heuristic
-MORE = 64  # [rows] read beyond an interval, so that a row of another time is among them; heuristic
-AROUND = 3  # [rows] on either side of a minimum for the fit of a parabola, at least; heuristic
-WIDEST = 10  # [rows] the same, at most; heuristic
-KINK = 0.5  # [1] ratio of squared residuals with and without a change of sign, below which there is one; heuristic
+CHUNK_ROWS = 65_536  # [rows] read at a time; bounds memory
+MAX_MINIMUM_TORQUE = 0.05  # [rms torque] beyond the samples, lower minima of |torque| may be changes of sign; heuristic
+TIME_TOLERANCE = 0.01  # [periods] time tolerance of matching rows to instants; heuristic
+EXTRA_ROWS = 64  # [rows] read beyond an interval, so that a row of another time is among them; heuristic
+MIN_PARABOLA_ROWS = 3  # [rows] on either side of a minimum for the fit of a parabola, at least; heuristic
+MAX_PARABOLA_ROWS = 10  # [rows] the same, at most; heuristic
+MAX_KINK_RATIO = 0.5  # [1] of squared residuals with and without a change of sign, where there is one; heuristic
 
-Marks = NDArray[np.int8]
+SignMarks = NDArray[np.int8]
 
 
-def signs_of_rows(recording: Recording, sampling: Sampling, t: Array, first: Indices, signs: Marks) -> Marks:
+def signs_of_rows(recording: Recording, sampling: Sampling, t: Array, first: Indices, signs: SignMarks) -> SignMarks:
     """A sign (rows, n) for every row of a recording: -1 or 1, and 0 in rows of no span.
 
     Between two samples of different sign, the change is at the smallest |torque| recorded between them. Before the
@@ -37,10 +37,10 @@ def signs_of_rows(recording: Recording, sampling: Sampling, t: Array, first: Ind
     found = np.zeros((len(recording), len(recording.joints)), np.int8)
     pieces = [slice(*ends) for ends in pairwise([*first.tolist(), len(t)])]
     for stretch in sampling.stretches:
-        low, high = _ends(stretch, sampling.period)
+        low, high = _span_ends(stretch, sampling.period)
         if pieces and low < t[pieces[0].start] and t[pieces[0].stop - 1] < high:
             piece = pieces.pop(0)
-            _fill(found, _Span.of(recording, sampling, stretch, t[piece]), signs[piece])
+            _fill_span(found, _Span.of(recording, sampling, stretch, t[piece]), signs[piece])
     assert not pieces, "every span of the samples lies in one of the recording, in the same order"
     found[:, recording.signed] = 1
     return found
@@ -71,12 +71,12 @@ class _Span(NamedTuple):
 
     @classmethod
     def of(cls, recording: Recording, sampling: Sampling, stretch: Stretch, t: Array) -> _Span:
-        low, high = _ends(stretch, sampling.period)
-        at = _at(recording, sampling, stretch, np.array([low, *t, high]))
+        low, high = _span_ends(stretch, sampling.period)
+        at = _row_at(recording, sampling, stretch, np.array([low, *t, high]))
         begin = stretch.start if stretch.first == 0 else int(at[0])
         end = stretch.stop if stretch.first + stretch.count == stretch.size else int(at[-1])
         hidden = np.flatnonzero(~recording.signed).tolist()
-        small, at = SMALL * sampling.torque_rms[hidden], np.clip(at[1:-1], begin, end - 1)
+        small, at = MAX_MINIMUM_TORQUE * sampling.torque_rms[hidden], np.clip(at[1:-1], begin, end - 1)
         return cls(recording, sampling, hidden, small, begin, end, at, sampling.uniform)
 
     def read(self, start: int, stop: int) -> _FileRows:
@@ -91,37 +91,37 @@ class _Span(NamedTuple):
         return _FileRows(number, t, np.abs(values * self.recording.torque_per_unit[self.hidden]))
 
 
-def _ends(stretch: Stretch, period: float) -> tuple[float, float]:
+def _span_ends(stretch: Stretch, period: float) -> tuple[float, float]:
     """Times half a period before and after the grid of a span [s]."""
     first, last = stretch.first - 0.5, stretch.first + stretch.count - 0.5
     return float(stretch.stamps[0] + first * period), float(stretch.stamps[0] + last * period)
 
 
-def _at(recording: Recording, sampling: Sampling, stretch: Stretch, t: Array) -> Indices:
+def _row_at(recording: Recording, sampling: Sampling, stretch: Stretch, t: Array) -> Indices:
     """First row at or after each instant t (k,): from the grid where rows lie on it, else from their stamps."""
     if sampling.uniform:
-        kept = np.ceil((t - stretch.stamps[0]) / sampling.period - NEAR).astype(np.intp)
+        kept = np.ceil((t - stretch.stamps[0]) / sampling.period - TIME_TOLERANCE).astype(np.intp)
         inside = slice(*np.searchsorted(sampling.dropped, [stretch.start, stretch.stop]))
         place = sampling.dropped[inside] - stretch.start
         place = place - np.arange(len(place))  # how many rows are kept before each dropped one
         return np.asarray(stretch.start + kept + np.searchsorted(place, kept, side="right"))
     rows = np.full(len(t), stretch.start, dtype=np.intp)
-    for start in range(stretch.start, stretch.stop, CHUNK):
-        stop = min(start + CHUNK, stretch.stop)
+    for start in range(stretch.start, stretch.stop, CHUNK_ROWS):
+        stop = min(start + CHUNK_ROWS, stretch.stop)
         stamps = row_times(recording, sampling, start, stop)
-        rows += np.searchsorted(stamps, t - NEAR * sampling.period)
+        rows += np.searchsorted(stamps, t - TIME_TOLERANCE * sampling.period)
     return rows
 
 
-def _fill(found: Marks, span: _Span, signs: Marks) -> None:
+def _fill_span(found: SignMarks, span: _Span, signs: SignMarks) -> None:
     """Set the signs of the rows of a span."""
     own = signs[:, span.hidden]
     changes = np.repeat(span.at[1:, None], len(span.hidden), axis=1)  # rows from which the next sample's sign holds
     turning = np.flatnonzero((own[1:] != own[:-1]).any(axis=1))  # intervals between samples in which a sign changes
-    for some in np.split(turning, np.flatnonzero(np.diff(span.at[turning] // CHUNK)) + 1):
+    for some in np.split(turning, np.flatnonzero(np.diff(span.at[turning] // CHUNK_ROWS)) + 1):
         if not len(some):
             continue
-        rows = span.read(int(span.at[some[0]]) - MORE, int(span.at[some[-1] + 1]) + MORE)
+        rows = span.read(int(span.at[some[0]]) - EXTRA_ROWS, int(span.at[some[-1] + 1]) + EXTRA_ROWS)
         for i in range(len(span.hidden)):
             which = some[own[some, i] != own[some + 1, i]]
             if len(which):
@@ -131,7 +131,7 @@ def _fill(found: Marks, span: _Span, signs: Marks) -> None:
     for i, j in enumerate(span.hidden):
         lengths = np.diff([span.begin, *changes[:, i], span.end])
         found[span.begin : span.end, j] = np.repeat(own[:, i], lengths)
-    _edges(found, span, own)
+    _fill_edges(found, span, own)
 
 
 def _crossings(t: Array, size: Array, low: Indices, high: Indices, exact: bool) -> Indices:
@@ -144,18 +144,18 @@ def _crossings(t: Array, size: Array, low: Indices, high: Indices, exact: bool) 
     rows = np.arange(lengths.sum()) + np.repeat(low - begin, lengths)
     hits = np.flatnonzero(size[rows] == np.repeat(np.minimum.reduceat(size[rows], begin), lengths))
     lowest = rows[hits[np.searchsorted(hits, begin)]]
-    return np.asarray(np.clip(lowest + _goes_on(t, size, lowest), low + exact, high))
+    return np.asarray(np.clip(lowest + _keeps_sign(t, size, lowest), low + exact, high))
 
 
-def _goes_on(t: Array, size: Array, lowest: Indices) -> Mask:
+def _keeps_sign(t: Array, size: Array, lowest: Indices) -> Mask:
     """Whether the smallest value of each interval has the sign of the row before it, not of the row after."""
     before, after = np.maximum(lowest - 1, 0), np.minimum(lowest + 1, len(size) - 1)
     return np.asarray(size[before] * np.abs(t[after] - t[lowest]) > size[after] * np.abs(t[lowest] - t[before]))
 
 
-def _edges(found: Marks, span: _Span, signs: Marks) -> None:
+def _fill_edges(found: SignMarks, span: _Span, signs: SignMarks) -> None:
     """Change signs before the first and after the last sample of a span."""
-    step = min(max(AROUND, int(span.at[-1] - span.at[0]) // max(1, len(span.at) - 1)), WIDEST)
+    step = min(max(MIN_PARABOLA_ROWS, int(span.at[-1] - span.at[0]) // max(1, len(span.at) - 1)), MAX_PARABOLA_ROWS)
     first, last = int(span.at[0]), int(span.at[-1]) + span.exact
     left, right = span.read(span.begin, first + step + 1).backwards(), span.read(last - step - 1, span.end)
     for i, j in enumerate(span.hidden):
@@ -173,15 +173,15 @@ def _kinks(rows: _FileRows, joint: int, known: int, small: float, step: int) -> 
     steps = np.abs(np.diff(size, prepend=size[0], append=size[-1]))
     low = size < np.maximum(small, np.maximum(steps[1:], steps[:-1]))  # near zero, or within a step between rows
     lowest = np.flatnonzero((size[1:-1] <= size[:-2]) & (size[1:-1] < size[2:]) & low[1:-1]) + 1
-    turns = lowest + _goes_on(rows.t, size, lowest)
+    turns = lowest + _keeps_sign(rows.t, size, lowest)
     found: list[int] = []
-    for bend, turn in sorted((_bend(rows.t, size, turn, step), turn) for turn in turns[turns >= known].tolist()):
-        if bend < KINK and all(abs(turn - other) > step for other in found):
+    for bend, turn in sorted((_kink_ratio(rows.t, size, turn, step), turn) for turn in turns[turns >= known].tolist()):
+        if bend < MAX_KINK_RATIO and all(abs(turn - other) > step for other in found):
             found.append(turn)
     return found
 
 
-def _bend(t: Array, size: Array, turn: int, step: int) -> float:
+def _kink_ratio(t: Array, size: Array, turn: int, step: int) -> float:
     """Ratio of the squared residuals of a parabola with and without a change of sign at a row; 0: a perfect change."""
     around = slice(max(0, turn - step), turn + step)
     x, y = t[around] - t[turn], size[around]

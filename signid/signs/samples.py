@@ -12,24 +12,24 @@ from ..recording.sampling.grid import Stretch, row_times
 from ..regression.rows import Task
 from ..regression.session import Part
 from ..types import Array, Frozen, Indices, Mask
-from .observations import Observed, motion_windows, place_sign_change, place_sign_changes, predict
+from .observations import Observations, motion_windows, place_sign_change, place_sign_changes, predict
 from .result import Trace
 from .search.problem import orthonormalise, signed_rows
 from .thresholds import JUMP_TORQUE
 
-INFLATION = 10.0  # [samples per independent sample] kappa of the residual; logs: with 1, signs of small torques
-# follow the model, and parameter errors are 3 to 7 times larger
-ROUNDS = 12  # [rounds] of EM, at most; logs: 5 to 12 suffice
-SAME = 2.0  # [log-odds] that neighbours have the same sign, whatever their torques; logs
-WINDOW = 31  # [samples] over which the steps of |torque| are averaged; logs
-CALM = 0.25  # [median squared step of |torque|] smallest average; logs
-CLEAR_ODDS = 200.0  # [log-odds] of the sign of a sample, at most; no overflow of exp
-TIED_ODDS = 60.0  # [log-odds] of equal signs of neighbours, at most; logs
-EXACT = 1e-9  # [rms torque] smallest residual and smallest step; rounding
-SETTLED = 1e-10  # [1] relative change of z at which EM ends; heuristic
-CHUNK = 65_536  # [rows] read at a time; bounds memory
+RESIDUAL_INFLATION = 10.0  # [samples per independent sample] kappa of the residual; logs: with 1, signs of small
+# torques follow the model, and parameter errors are 3 to 7 times larger
+MAX_EM_ROUNDS = 12  # [rounds] of EM, at most; logs: 5 to 12 suffice
+SAME_SIGN_ODDS = 2.0  # [log-odds] that neighbours have the same sign, whatever their torques; logs
+STEP_WINDOW_SAMPLES = 31  # [samples] over which the steps of |torque| are averaged; logs
+MIN_STEP_RATIO = 0.25  # [median squared step of |torque|] smallest average; logs
+MAX_SIGN_ODDS = 200.0  # [log-odds] of the sign of a sample, at most; no overflow of exp
+MAX_TIE_ODDS = 60.0  # [log-odds] of equal signs of neighbours, at most; logs
+MIN_RESIDUAL = 1e-9  # [rms torque] smallest residual and smallest step; rounding
+EM_TOLERANCE = 1e-10  # [1] relative change of z at which EM ends; heuristic
+EXPECTATION_ROWS = 65_536  # [rows] read at a time; bounds memory
 FULL_RATE_INFLATION = 4.0  # [rows per independent row] kappa of the residual at full rate; heuristic
-CONTRADICTS = 0.96  # [1] |expectation| of the opposite sign from which the sign found before stays; heuristic
+MIN_CONTRADICTION = 0.96  # [1] |expectation| of the opposite sign from which the sign found before stays; heuristic
 Weights = NDArray[np.float32]
 
 
@@ -46,7 +46,7 @@ class RefinedSigns(Frozen):
     change: float  # relative change of z in the last round
 
 
-def refine_signs(observed: Observed, value: Array, *, rounds: int = ROUNDS) -> RefinedSigns:
+def refine_signs(observed: Observations, value: Array, *, rounds: int = MAX_EM_ROUNDS) -> RefinedSigns:
     """Infer the signs of all samples by expectation maximisation, from approximate parameters.
 
     E step: with m the predicted and a the absolute torque of a sample, the log-odds of a positive sign are 2 m a /
@@ -66,13 +66,13 @@ def refine_signs(observed: Observed, value: Array, *, rounds: int = ROUNDS) -> R
     while done < rounds:
         done += 1
         predicted = observed.predict(value)[:, hidden]
-        variance = _variance((np.abs(predicted) - magnitude) ** 2, magnitude, fit.fitted)
-        odds = np.clip(2 * predicted * magnitude / variance, -CLEAR_ODDS, CLEAR_ODDS)
+        variance = _residual_variance((np.abs(predicted) - magnitude) ** 2, magnitude, fit.fitted)
+        odds = np.clip(2 * predicted * magnitude / variance, -MAX_SIGN_ODDS, MAX_SIGN_ODDS)
         expected = expected_signs(odds, tied)
         before, z = z, fit.coordinates(expected * magnitude)
         value = fit.back @ z
         change = float(np.linalg.norm(z - before) / max(float(np.linalg.norm(z)), 1e-300))
-        if change <= SETTLED:
+        if change <= EM_TOLERANCE:
             break
     signs = np.sign(observed.torque) * (observed.known & observed.signed)
     mean = signs.copy()
@@ -81,11 +81,11 @@ def refine_signs(observed: Observed, value: Array, *, rounds: int = ROUNDS) -> R
     signs = place_sign_changes(observed, signs, predicted)
     torque = np.abs(observed.torque)
     squares = np.maximum(torque**2 - 2 * mean * torque * predicted + predicted**2, 0)  # expected, of the residual
-    sigma = np.where(observed.known, np.sqrt(_mean(squares, _fitted(observed))), 0.0)
+    sigma = np.where(observed.known, np.sqrt(_masked_mean(squares, _fitted_samples(observed))), 0.0)
     return RefinedSigns(signs, mean, value, sigma, max(fit.energy - float(z @ z), 0.0), done, change)
 
 
-def coupling(magnitude: Array, first: Mask, same: float = SAME) -> Array:
+def coupling(magnitude: Array, first: Mask, same: float = SAME_SIGN_ODDS) -> Array:
     """Log-odds that a sample has the sign of the one before it: (N, h) [1], 0 where a span begins (`first`).
 
     Torque is modelled as a random walk with the local mean squared step d^2 of magnitude a (N, h) [N.m or N]: the
@@ -95,13 +95,13 @@ def coupling(magnitude: Array, first: Mask, same: float = SAME) -> Array:
     step = np.diff(magnitude, axis=0, prepend=magnitude[:1]) ** 2 * inside
     from scipy.ndimage import uniform_filter1d  # imported here, since that takes longer than its use
 
-    size = min(WINDOW, len(magnitude))
+    size = min(STEP_WINDOW_SAMPLES, len(magnitude))
     share = uniform_filter1d(inside.astype(np.float64), size, axis=0, mode="nearest")
     local = uniform_filter1d(step, size, axis=0, mode="nearest") / np.maximum(share, 1 / size)
     calm = np.median(step[~first], axis=0) if not first.all() else 0.0
     before = np.concatenate([magnitude[:1], magnitude[:-1]])
-    odds = 2 * before * magnitude / np.maximum(local, np.maximum(CALM * calm, _least(magnitude))) + same
-    return np.where(inside, np.minimum(odds, TIED_ODDS), 0.0)
+    odds = 2 * before * magnitude / np.maximum(local, np.maximum(MIN_STEP_RATIO * calm, _floor(magnitude))) + same
+    return np.where(inside, np.minimum(odds, MAX_TIE_ODDS), 0.0)
 
 
 def expected_signs(odds: Array, tied: Array) -> Array:
@@ -123,17 +123,17 @@ def likeliest_signs(odds: Array, tied: Array) -> Array:
 
     Source: Viterbi, IEEE Trans. Information Theory 13(2), 1967.
     """
-    paths = [_path(o, t) for o, t in zip(odds.T.tolist(), tied.T.tolist(), strict=True)]
+    paths = [_likeliest_path(o, t) for o, t in zip(odds.T.tolist(), tied.T.tolist(), strict=True)]
     return np.array(paths).reshape(odds.T.shape).T
 
 
 def _messages(own: Array, same: Array) -> Array:
     """(N, h) log-odds of a positive sign from each sample and all before it."""
-    out = [_forward(o, s) for o, s in zip(own.T.tolist(), same.T.tolist(), strict=True)]
+    out = [_forward_messages(o, s) for o, s in zip(own.T.tolist(), same.T.tolist(), strict=True)]
     return np.asarray(np.log(np.array(out).reshape(own.T.shape)).T)
 
 
-def _forward(own: list[float], same: list[float]) -> list[float]:
+def _forward_messages(own: list[float], same: list[float]) -> list[float]:
     out, odds = [], 1.0
     for alone, tie in zip(own, same, strict=True):
         odds = alone * (odds * tie + 1.0) / (odds + tie)
@@ -141,7 +141,7 @@ def _forward(own: list[float], same: list[float]) -> list[float]:
     return out
 
 
-def _path(odds: list[float], tied: list[float]) -> list[float]:
+def _likeliest_path(odds: list[float], tied: list[float]) -> list[float]:
     best, gain = [], 0.0
     for alone, tie in zip(odds, tied, strict=True):
         gain = alone + min(max(gain, -tie), tie)
@@ -153,21 +153,21 @@ def _path(odds: list[float], tied: list[float]) -> list[float]:
     return out[::-1]
 
 
-def _variance(squares: Array, magnitude: Array, fitted: Mask) -> Array:
+def _residual_variance(squares: Array, magnitude: Array, fitted: Mask) -> Array:
     """Inflated variance (N, h) of the residual [(N.m or N)^2]; near reversals at least that of the samples there."""
-    calm = INFLATION * _mean(squares, fitted)
-    return np.maximum(np.where(fitted, calm, np.maximum(calm, _mean(squares, ~fitted))), _least(magnitude))
+    calm = RESIDUAL_INFLATION * _masked_mean(squares, fitted)
+    return np.maximum(np.where(fitted, calm, np.maximum(calm, _masked_mean(squares, ~fitted))), _floor(magnitude))
 
 
-def _mean(squares: Array, which: Mask) -> Array:
+def _masked_mean(squares: Array, which: Mask) -> Array:
     return np.asarray(np.sum(squares * which, axis=0) / np.maximum(which.sum(0), 1))
 
 
-def _least(torque: Array) -> Array:
-    return np.asarray(EXACT**2 * np.mean(torque**2, axis=0) + 1e-300)
+def _floor(torque: Array) -> Array:
+    return np.asarray(MIN_RESIDUAL**2 * np.mean(torque**2, axis=0) + 1e-300)
 
 
-def _fitted(observed: Observed) -> Mask:
+def _fitted_samples(observed: Observations) -> Mask:
     """(N, n) samples that the parameters are fitted to: the steady ones, or all of a joint without any."""
     return observed.steady | ~observed.steady.any(0)
 
@@ -184,8 +184,8 @@ class _ParameterFit:
     energy: float  # sum of the squared right-hand sides
 
     @classmethod
-    def of(cls, observed: Observed) -> _ParameterFit:
-        hidden, weights, fitted = list(observed.hidden), 1 / observed.scale, _fitted(observed)
+    def of(cls, observed: Observations) -> _ParameterFit:
+        hidden, weights, fitted = list(observed.hidden), 1 / observed.scale, _fitted_samples(observed)
         rows = [observed.rows(j, fitted[:, j]) * weights[j] for j in hidden]
         signed = signed_rows(observed, weights)
         unsigned = (observed.torque * weights)[:, hidden][fitted[:, hidden]]
@@ -263,25 +263,25 @@ def expect_signs(task: Task, part: Part, value: Array, sigma: Array, signs: NDAr
     variance = np.where(sigma > 0, FULL_RATE_INFLATION * sigma**2, np.inf)
     for _, motion, torque, steady in motion_windows(task, part, 1):
         magnitude = np.abs(np.nan_to_num(torque))
-        odds = np.clip(2 * predict(task, motion, value) * magnitude / variance, -CLEAR_ODDS, CLEAR_ODDS)
+        odds = np.clip(2 * predict(task, motion, value) * magnitude / variance, -MAX_SIGN_ODDS, MAX_SIGN_ODDS)
         expected = expected_signs(odds, coupling(magnitude, np.arange(len(odds)) == 0, 0.0))
         grid.append(np.where(steady, expected, np.nan).astype(np.float32))
     found, ends = signs.astype(np.float32), np.cumsum([stretch.count for stretch in sampling.stretches])
     for stretch, own in zip(sampling.stretches, np.split(np.concatenate(grid), ends[:-1]), strict=True):
-        _assign(found, part, stretch, own)
+        _assign_nearest(found, part, stretch, own)
     found[:, recording.signed] = signs[:, recording.signed]
     return found
 
 
-def _assign(found: Weights, part: Part, stretch: Stretch, expected: Weights) -> None:
+def _assign_nearest(found: Weights, part: Part, stretch: Stretch, expected: Weights) -> None:
     """Assign to each row of a stretch the expectation of the nearest sample of the grid."""
     recording, sampling = part
-    for start in range(stretch.start, stretch.stop, CHUNK):
-        rows = slice(start, min(start + CHUNK, stretch.stop))
+    for start in range(stretch.start, stretch.stop, EXPECTATION_ROWS):
+        rows = slice(start, min(start + EXPECTATION_ROWS, stretch.stop))
         stamps = row_times(recording, sampling, rows.start, rows.stop)
         place = np.round((stamps - stretch.stamps[0]) / sampling.period).astype(np.intp) - stretch.first
         inside = (place >= 0) & (place < len(expected))
         soft, hard = expected[np.clip(place, 0, len(expected) - 1)], found[rows]
-        clash = (np.sign(soft) != hard) & (np.abs(soft) > CONTRADICTS)
+        clash = (np.sign(soft) != hard) & (np.abs(soft) > MIN_CONTRADICTION)
         keep = ~inside[:, None] | np.isnan(soft) | (soft == 0) | (hard == 0) | clash
         found[rows] = np.where(keep, hard, soft)

@@ -30,27 +30,27 @@ from ..types import (
     prismatic_unit,
 )
 from .infer import infer
-from .observations import Observed, observe
+from .observations import Observations, observe
 from .result import Gain, Signs
 from .rows_of_file import signs_of_rows
-from .thresholds import INERTIAL_ERROR, UNKNOWN_CONSTANT
+from .thresholds import INERTIAL_ERROR, MAX_CONSTANT_STD
 
-GRID = np.geomspace(1e-4, 1e4, 81)  # [median ratio of the shared columns] values of 1/K tried as start; heuristic
-SHARED = 1e-12  # [largest entry of the Gram matrix] columns that are smaller in a joint's torque are not shared
-RIDGE = 1e-9  # [unit diagonal of a Gram matrix] regularisation
-EXACT = 1e-6  # [power of the torque] smallest residual; rounding
-DISTINCT = 3.0  # [1] factor between two different starts; heuristic
-STEPS = 15  # [iterations] of Gauss-Newton, at most; heuristic
-LONGEST_STEP = 0.7  # [log] of a constant in one iteration: a factor of 2; heuristic
-STEP_SETTLED = 1e-4  # [log] step at which Gauss-Newton ends; heuristic
-DIFFERENCE = 1e-3  # [log] of a constant, in finite differences of the base parameters; heuristic
-DIVERGED = 0.1  # [standard deviations] a longer last step makes the constant unknown; heuristic
-FLAT = 30.0  # [log] standard deviation of an uninformative constant: thirteen decades
+START_GRID = np.geomspace(1e-4, 1e4, 81)  # [median ratio of the shared columns] values of 1/K tried as start; heuristic
+MIN_SHARED_ENTRY = 1e-12  # [largest entry of the Gram matrix] of columns that joints share
+GRAM_RIDGE = 1e-9  # [unit diagonal of a Gram matrix] regularisation
+MIN_RESIDUAL_POWER = 1e-6  # [power of the torque] smallest residual; rounding
+MIN_START_RATIO = 3.0  # [1] factor between two different starts; heuristic
+MAX_LOG_STEPS = 15  # [iterations] of Gauss-Newton, at most; heuristic
+MAX_LOG_STEP = 0.7  # [log] of a constant in one iteration: a factor of 2; heuristic
+CONVERGED_LOG_STEP = 1e-4  # [log] step at which Gauss-Newton ends; heuristic
+LOG_DIFFERENCE = 1e-3  # [log] of a constant, in finite differences of the base parameters; heuristic
+MAX_LAST_STEP = 0.1  # [standard deviations] a longer last step makes the constant unknown; heuristic
+UNINFORMATIVE_STD = 30.0  # [log] standard deviation of an uninformative constant: thirteen decades
 EXACT_STD = 1e-4  # [log] standard deviation of an exact constant; keeps matrices regular
-ROUNDS = 5  # most rounds of signs and constants in turn
-SETTLED, CALM = 0.01, 0.1  # change of a constant at which rounds end: relative [1], in its standard deviations [1]
-LOOSE = 0.3  # relative standard deviation [1] above which a constant counts as unknown
-ROUGH = 0.1  # the same, above which a constant is flagged as rough
+MAX_CONSTANT_ROUNDS = 5  # most rounds of signs and constants in turn
+CONSTANT_TOLERANCE, DEVIATION_TOLERANCE = 0.01, 0.1  # change that ends rounds: [1], [standard deviations]
+UNKNOWN_CONSTANT_STD = 0.3  # relative standard deviation [1] above which a constant counts as unknown
+ROUGH_CONSTANT_STD = 0.1  # the same, above which a constant is flagged as rough
 
 
 class UnknownConstants(OptionError):
@@ -58,7 +58,7 @@ class UnknownConstants(OptionError):
 
     def __init__(self, robot: Robot, lost: Mask, fact: str, remedy: str) -> None:
         self.joints = tuple(robot.joints[j] for j in np.flatnonzero(lost))
-        units = " or ".join(sorted({_unit(robot, j) for j in np.flatnonzero(lost).tolist()}))
+        units = " or ".join(sorted({_constant_unit(robot, j) for j in np.flatnonzero(lost).tolist()}))
         super().__init__(f"{fact}; state torque_constant [{units} at the joint] in an actuators file, {remedy}")
 
     @property
@@ -101,17 +101,17 @@ def share_constants(factors: Factors, base: BaseMap, unknown: Mask) -> Constants
     n, rank = len(unknown), base.rank
     free = np.flatnonzero(unknown & np.array([joint.counts[0] > 0 for joint in factors.joints]))
     log, step = np.zeros(n), np.zeros(len(free))
-    log[free] = _start(factors, free, rank)
+    log[free] = _start_constants(factors, free, rank)
     value = estimate(_scaled(factors, log), base, np.zeros(rank)).value
     covariance = np.zeros((n, n))
-    for _ in range(STEPS if len(free) else 0):
+    for _ in range(MAX_LOG_STEPS if len(free) else 0):
         found = estimate(_with_gains(_scaled(factors, log), value, free, rank), base, np.zeros(rank + len(free)))
-        value, step = found.value[:rank], np.clip(found.value[rank:], -LONGEST_STEP, LONGEST_STEP)
+        value, step = found.value[:rank], np.clip(found.value[rank:], -MAX_LOG_STEP, MAX_LOG_STEP)
         log[free] += step
         covariance[np.ix_(free, free)] = found.covariance[rank:, rank:]
-        if np.abs(step).max() < STEP_SETTLED:
+        if np.abs(step).max() < CONVERGED_LOG_STEP:
             break
-    diverged = free[np.abs(step) > np.maximum(DIVERGED * np.sqrt(np.diag(covariance)[free]), STEP_SETTLED)]
+    diverged = free[np.abs(step) > np.maximum(MAX_LAST_STEP * np.sqrt(np.diag(covariance)[free]), CONVERGED_LOG_STEP)]
     covariance[diverged, diverged] = np.inf
     return Constants(log, covariance)
 
@@ -120,8 +120,8 @@ def constant_sensitivity(found: Estimate, factors: Factors, base: BaseMap, joint
     """Derivative (b, n) [units of base] of base parameters by the logarithms of constants; zero for other joints."""
     slopes = np.zeros((base.rank, len(joints)))
     for j in np.flatnonzero(joints).tolist():
-        moved = _scaled(factors, DIFFERENCE * np.eye(len(joints))[j])
-        slopes[:, j] = (estimate(moved, base, found.value, whiten).value - found.value) / DIFFERENCE
+        moved = _scaled(factors, LOG_DIFFERENCE * np.eye(len(joints))[j])
+        slopes[:, j] = (estimate(moved, base, found.value, whiten).value - found.value) / LOG_DIFFERENCE
     return slopes
 
 
@@ -153,7 +153,7 @@ def _with_gains(factors: Factors, value: Array, free: Indices, rank: int) -> Fac
     return replace(factors, joints=tuple(joints), columns=tuple(columns))
 
 
-class _Best(NamedTuple):
+class _ConstantTrial(NamedTuple):
     """Best constant of one more joint."""
 
     gram: Array  # (b + 1, b + 1) of all joints that are scaled, with the one tried
@@ -161,45 +161,45 @@ class _Best(NamedTuple):
     margin: float  # of the explained power over any distinct constant [squared standard deviations]
 
 
-def _start(factors: Factors, free: Indices, rank: int) -> Array:
+def _start_constants(factors: Factors, free: Indices, rank: int) -> Array:
     """(k,) logarithms of the constants, found one after the other, the clearest first."""
     grams = []  # (b + 1, b + 1) of [all columns, torque], over the variance of the joint's own residual
     for joint, seen in zip(factors.joints, factors.columns, strict=True):
         own = joint.grams[0][-len(seen) - 1 :, -len(seen) - 1 :]
         power = float(own[-1, -1])
-        variance = max(power - _explained(own), EXACT * power, 1e-300) / max(joint.counts[0], 1)
+        variance = max(power - _explained_power(own), MIN_RESIDUAL_POWER * power, 1e-300) / max(joint.counts[0], 1)
         grams.append(np.zeros((rank + 1, rank + 1)))
         at = np.append(seen, rank)
         grams[-1][np.ix_(at, at)] = own / variance
     total = np.sum([gram for j, gram in enumerate(grams) if j not in free], axis=0)
     found: dict[int, float] = {}
     while len(found) < len(free):
-        trials = {j: _try(total, grams[j]) for j in free.tolist() if j not in found}
+        trials = {j: _try_constant(total, grams[j]) for j in free.tolist() if j not in found}
         j = max(trials, key=lambda j: trials[j].margin)
         total, found[j] = trials[j].gram, trials[j].log
     return np.array([found[j] for j in free.tolist()])
 
 
-def _explained(gram: Array) -> float:
+def _explained_power(gram: Array) -> float:
     """Power of the torque that the columns explain."""
     size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     unit = gram / np.outer(size, size)
-    lower = np.linalg.cholesky(unit[:-1, :-1] + RIDGE * np.eye(len(gram) - 1))
+    lower = np.linalg.cholesky(unit[:-1, :-1] + GRAM_RIDGE * np.eye(len(gram) - 1))
     return float(np.sum(np.linalg.solve(lower, unit[:-1, -1]) ** 2) * gram[-1, -1])
 
 
-def _try(total: Array, gram: Array) -> _Best:
+def _try_constant(total: Array, gram: Array) -> _ConstantTrial:
     """Constant with which one more joint, and those that are scaled already, are explained best."""
     here, there = np.diag(total)[:-1], np.diag(gram)[:-1]
-    both = (here > SHARED * here.max(initial=0.0)) & (there > SHARED * there.max(initial=0.0))
+    both = (here > MIN_SHARED_ENTRY * here.max(initial=0.0)) & (there > MIN_SHARED_ENTRY * there.max(initial=0.0))
     middle = float(np.median(np.sqrt(here[both] / there[both]))) if both.any() else 1.0
-    inverse = np.concatenate([-middle * GRID[::-1], middle * GRID])  # 1 / K; negative: all signs inverted
+    inverse = np.concatenate([-middle * START_GRID[::-1], middle * START_GRID])  # 1 / K; negative: all signs inverted
     scaled = [total + gram * np.outer(x, x) for x in (np.append(np.full(len(gram) - 1, k), 1.0) for k in inverse)]
-    explained = np.array([_explained(g) for g in scaled])
+    explained = np.array([_explained_power(g) for g in scaled])
     best = int(np.argmax(explained))
-    apart = np.abs(np.log(np.abs(inverse / inverse[best]))) > np.log(DISTINCT)
+    apart = np.abs(np.log(np.abs(inverse / inverse[best]))) > np.log(MIN_START_RATIO)
     margin = float(explained[best] - explained[apart].max())
-    return _Best(scaled[best], float(-np.log(np.abs(inverse[best]))), margin)
+    return _ConstantTrial(scaled[best], float(-np.log(np.abs(inverse[best]))), margin)
 
 
 def describe_constants(task: Task, factors: Factors) -> Constants:
@@ -220,10 +220,10 @@ def describe_constants(task: Task, factors: Factors) -> Constants:
         one = replace(factors, joints=(move(joint, columns),), columns=(np.arange(len(laws) + 1),), sample=None)
         found = estimate(one, task.base, np.zeros(len(laws) + 1))
         inverse, std = float(found.value[0]), float(np.sqrt(found.covariance[0, 0]))
-        if inverse > 0 and std < UNKNOWN_CONSTANT * inverse:
+        if inverse > 0 and std < MAX_CONSTANT_STD * inverse:
             log[j], noise[j] = -np.log(inverse), std / inverse
             off[j] = _share(joint.grams[0][-len(seen) - 1 : -1, -len(seen) - 1 : -1], columns, bodies[seen])
-    off *= INERTIAL_ERROR * np.concatenate([_sizes(body) for body in stated])
+    off *= INERTIAL_ERROR * np.concatenate([_inertial_scales(body) for body in stated])
     return Constants(log, off @ off.T + np.diag(noise**2))
 
 
@@ -234,9 +234,9 @@ def combine(relative: Constants, described: Constants, known: Mask) -> Constants
     `known` (n,) is exactly 1.
     """
     log, before = relative.log.copy(), relative.covariance.copy()
-    lost = ~(relative.std < UNKNOWN_CONSTANT)
+    lost = ~(relative.std < MAX_CONSTANT_STD)
     before[lost], before[:, lost] = 0.0, 0.0
-    before += FLAT**2 * (1.0 + np.diag(lost))
+    before += UNINFORMATIVE_STD**2 * (1.0 + np.diag(lost))
     at = np.flatnonzero(known | np.isfinite(described.std))
     if not len(at):
         return Constants(log, before)
@@ -258,7 +258,7 @@ def _share(gram: Array, columns: Array, bodies: Array) -> Array:
     return np.asarray(inverse[0] @ columns.T @ gram @ bodies)
 
 
-def _sizes(body: Array) -> Array:
+def _inertial_scales(body: Array) -> Array:
     """Scales (10,) of the inertial parameters of a body: those of its mass at its radius of gyration."""
     mass, second = body[0], max((body[4] + body[6] + body[9]) / 2, 0.0)
     return np.array([mass, *[np.sqrt(max(mass * second, 0.0))] * 3, *[second] * 6])
@@ -305,7 +305,7 @@ def find_gains(session: Session, progress: Progress | None = None) -> TorqueCons
     Raises:
         OptionError: a constant is not identifiable; the sentence says what to state.
     """
-    robot, unknown = session.robot, _unknown(session.recordings)
+    robot, unknown = session.robot, _unknown_joints(session.recordings)
     if not unknown.any():
         return None
     observed = observe(session.task, session.learned)
@@ -314,23 +314,23 @@ def find_gains(session: Session, progress: Progress | None = None) -> TorqueCons
         fact = f"the torque constants of {_names(robot, unknown)} are not known, no torque of another joint is, and the"
         fact += " description states no inertials to set the scale"
         raise UnknownConstants(robot, unknown, fact, "of one at least")
-    constants = _settle(session, observed, unknown, progress)
-    lost = unknown & ~(constants.std <= LOOSE)
+    constants = _alternate(session, observed, unknown, progress)
+    lost = unknown & ~(constants.std <= UNKNOWN_CONSTANT_STD)
     if lost.any():
         fact = f"the torque constant of {_names(robot, lost)} is not known, and neither parameters shared with other"
-        fact += f" joints nor stated inertials determine it to {100 * LOOSE:.0f} %"
+        fact += f" joints nor stated inertials determine it to {100 * UNKNOWN_CONSTANT_STD:.0f} %"
         raise UnknownConstants(robot, lost, fact, "or leave out the column of the current")
     value, std = np.where(unknown, np.exp(constants.log), 1.0), np.where(unknown, constants.std, 0.0)
     covariance = np.where(np.outer(unknown, unknown), constants.covariance, 0.0)
     gains = tuple(
-        Gain(robot.joints[j], float(value[j]), float(value[j] * std[j]), _unit(robot, j))
+        Gain(robot.joints[j], float(value[j]), float(value[j] * std[j]), _constant_unit(robot, j))
         for j in np.flatnonzero(unknown).tolist()
     )
-    notes = tuple(_notes(robot, gains, std[unknown], anchors, constants.described))
+    notes = tuple(_constant_notes(robot, gains, std[unknown], anchors, constants.described))
     return TorqueConstants(gains, value, covariance, notes, tuple(_flags(robot, std, constants)), constants.described)
 
 
-def _unknown(recordings: Sequence[Recording]) -> Mask:
+def _unknown_joints(recordings: Sequence[Recording]) -> Mask:
     """(n,) joints whose torque constant is not known, in all recordings alike."""
     joints = same_joints(recordings)
     lacking = np.array([np.zeros(len(joints), bool) if r.scaled is None else ~r.scaled for r in recordings])
@@ -343,28 +343,28 @@ def _unknown(recordings: Sequence[Recording]) -> Mask:
     return np.asarray(lacking[0])
 
 
-def _settle(session: Session, observed: Observed, unknown: Mask, progress: Progress | None) -> Constants:
+def _alternate(session: Session, observed: Observations, unknown: Mask, progress: Progress | None) -> Constants:
     """Signs and constants in turn."""
     found = Constants(np.zeros(len(unknown)), np.diag(np.where(unknown, np.inf, 0.0)))
     signs = np.zeros_like(observed.torque)
-    for k in range(ROUNDS):
+    for k in range(MAX_CONSTANT_ROUNDS):
         if progress is not None:
-            progress("finding torque constants", k / ROUNDS)
-        last, signs = signs, _signs(session.task, observed, found, session.options.seed)
+            progress("finding torque constants", k / MAX_CONSTANT_ROUNDS)
+        last, signs = signs, _infer_signs(session.task, observed, found, session.options.seed)
         if np.array_equal(last, signs):
             break
-        before, found = found, _constants(session.task, _factors(session, observed, signs), unknown)
+        before, found = found, _estimate_constants(session.task, _recorded_factors(session, observed, signs), unknown)
         change = np.abs(found.log - before.log)
-        if last.any() and np.all(change <= np.maximum(SETTLED, CALM * found.std)):
+        if last.any() and np.all(change <= np.maximum(CONSTANT_TOLERANCE, DEVIATION_TOLERANCE * found.std)):
             break
     else:
         return replace(found, settled=False)
     return found
 
 
-def _signs(task: Task, observed: Observed, found: Constants, seed: int) -> Array:
+def _infer_signs(task: Task, observed: Observations, found: Constants, seed: int) -> Array:
     """Signs (N, n) [1]: joints with known constants together, each other joint by itself."""
-    known = found.std <= LOOSE
+    known = found.std <= UNKNOWN_CONSTANT_STD
     alone = np.diag(observed.known & ~known)
     signs = np.sign(observed.torque)
     for group in (observed.known & known, *alone[alone.any(axis=1)]):
@@ -375,7 +375,7 @@ def _signs(task: Task, observed: Observed, found: Constants, seed: int) -> Array
     return signs
 
 
-def _factors(session: Session, observed: Observed, signs: Array) -> Factors:
+def _recorded_factors(session: Session, observed: Observations, signs: Array) -> Factors:
     """Factors of the recordings with their signs, in the units recorded."""
     parts = []
     for k, (recording, sampling) in enumerate(session.learned):
@@ -385,12 +385,12 @@ def _factors(session: Session, observed: Observed, signs: Array) -> Factors:
     return session.reduce(parts)
 
 
-def _constants(task: Task, factors: Factors, unknown: Mask) -> Constants:
+def _estimate_constants(task: Task, factors: Factors, unknown: Mask) -> Constants:
     """Constants from parameters shared with joints of known constant; from the description where that is too little."""
     recorded = np.array([joint.counts[0] > 0 for joint in factors.joints])
     anchors = recorded & ~unknown
     shared = share_constants(factors, task.base, unknown) if anchors.any() else None
-    if shared is not None and np.all(shared.std[unknown] <= LOOSE):
+    if shared is not None and np.all(shared.std[unknown] <= UNKNOWN_CONSTANT_STD):
         return shared
     described = describe_constants(task, factors)
     reference = int(np.argmin(np.where(unknown, described.std, np.inf)))
@@ -400,7 +400,7 @@ def _constants(task: Task, factors: Factors, unknown: Mask) -> Constants:
     return replace(combine(relative, described, anchors), described=True)
 
 
-def _unit(robot: Robot, joint: int) -> str:
+def _constant_unit(robot: Robot, joint: int) -> str:
     return prismatic_unit("N.m/A") if robot.prismatic[joint] else "N.m/A"
 
 
@@ -408,7 +408,7 @@ def _names(robot: Robot, joints: Mask) -> str:
     return shorten([robot.joints[j] for j in np.flatnonzero(joints)])
 
 
-def _notes(robot: Robot, gains: Sequence[Gain], std: Array, anchors: Mask, described: bool) -> Iterator[str]:
+def _constant_notes(robot: Robot, gains: Sequence[Gain], std: Array, anchors: Mask, described: bool) -> Iterator[str]:
     found = [f"{joint} {k:.3g} {unit} (+- {100 * s:.2g} %)" for (joint, k, _, unit), s in zip(gains, std, strict=True)]
     yield f"unknown torque constants were found from the motion: {shorten(found)}"
     if anchors.any():
@@ -425,10 +425,10 @@ def _notes(robot: Robot, gains: Sequence[Gain], std: Array, anchors: Mask, descr
 def _flags(robot: Robot, std: Array, found: Constants) -> Iterator[str]:
     if not found.settled:
         yield (
-            f"signs and torque constants still changed in the last of {ROUNDS} rounds: either may be wrong; state "
-            f"torque_constant in an actuators file"
+            f"signs and torque constants still changed in the last of {MAX_CONSTANT_ROUNDS} rounds: either may be "
+            f"wrong; state torque_constant in an actuators file"
         )
-    if rough := [f"{robot.joints[j]} ({100 * std[j]:.0f} %)" for j in np.flatnonzero(std > ROUGH)]:
+    if rough := [f"{robot.joints[j]} ({100 * std[j]:.0f} %)" for j in np.flatnonzero(std > ROUGH_CONSTANT_STD)]:
         yield (
             f"torque constants are known only roughly, of {shorten(rough)}: parameters there may be off by as much; "
             f"state torque_constant in an actuators file"

@@ -22,22 +22,22 @@ from .observations import Segment
 from .result import SignProof
 from .search.problem import SignProblem, certify
 
-LOST_ORDER = 1e-14  # [largest eigenvalue of a Gram matrix] smaller eigenvalues are rounding errors
-CONDITION = 1000.0  # [1] condition number of a well-conditioned first set; heuristic
-LARGEST = 3  # [segments] up to which all sets are tried; heuristic
-SETS = 20_000  # [sets] tried at most; heuristic
-MOST = 8  # [segments] of a first set chosen one by one, since a tree tries all 2^8 of their signs; heuristic
-BLOCK = 256  # [Gram matrices] decomposed at a time; bounds memory
-GENERATED = 100  # [sets generated per set tried] at most, since few sets may contain the joints needed; heuristic
+ORDER_ROUNDING = 1e-14  # [largest eigenvalue of a Gram matrix] smaller eigenvalues are rounding errors
+MAX_CONDITION = 1000.0  # [1] condition number of a well-conditioned first set; heuristic
+EXHAUSTIVE_SIZE = 3  # [segments] up to which all sets are tried; heuristic
+MAX_SETS = 20_000  # [sets] tried at most; heuristic
+MAX_FIRST_SEGMENTS = 8  # [segments] chosen one by one, since a tree tries all 2^8 of their signs; heuristic
+GRAM_BLOCK = 256  # [Gram matrices] decomposed at a time; bounds memory
+MAX_GENERATED_RATIO = 100  # [sets generated per set tried], since few sets may have the joints needed; heuristic
 
 _Set = tuple[int, ...]
-WIDTH = 5  # [nodes per level] kept, as in the classical method
-LOST = 1e-13  # [largest eigenvalue of a Gram matrix] smaller eigenvalues are rounding errors
-SCHEDULE = 10.0  # [squared standard deviations] penalty per round
-EXCESS = 0.01  # [loss of least squares with the same signs] excess loss of the best node that is noted; heuristic
-NEGLIGIBLE = 1e-6  # [total energy] excess loss that is never noted; heuristic
-SHOWN = 1e-3  # [information of all joints on a parameter] share from which a joint counts as showing it; heuristic
-NOTE = (
+TREE_WIDTH = 5  # [nodes per level] kept, as in the classical method
+LEVEL_ROUNDING = 1e-13  # [largest eigenvalue of a Gram matrix] smaller eigenvalues are rounding errors
+ROUND_PENALTY = 10.0  # [squared standard deviations] penalty per round
+MIN_NOTED_EXCESS = 0.01  # [loss of least squares with the same signs] of the best node; heuristic
+NEGLIGIBLE_EXCESS = 1e-6  # [total energy] excess loss that is never noted; heuristic
+SHOWN_SHARE = 1e-3  # [information of all joints] smallest of a joint that shows a parameter; heuristic
+TREE_NOTE = (
     "signs were searched by the classical tree ({nodes} nodes, {evaluations} evaluations), which keeps few nodes per "
     "level and proves nothing; samples below the threshold follow the model that it found"
 )
@@ -52,14 +52,14 @@ class SegmentOrder(NamedTuple):
     complete: bool  # whether all sets of that size and of smaller ones were tried
 
 
-def condition_order(problem: SignProblem, threshold: float = CONDITION, budget: int = SETS) -> SegmentOrder:
+def condition_order(problem: SignProblem, threshold: float = MAX_CONDITION, budget: int = MAX_SETS) -> SegmentOrder:
     """Order the segments: the smallest set whose stacked rows are well conditioned, then greedily.
 
     Each later segment is the one that gives the smallest condition number with all before it, over base parameters in
-    their own units. All sets of one, two ... LARGEST segments are tried, `budget` sets at most; if a limit ends that,
-    the first set is chosen one segment at a time and `complete` is False. Friction of a joint acts in its own segments
-    only, so seven joints need at least seven segments, and 93 segments have 1e10 such sets. A segment of known sign
-    comes first.
+    their own units. All sets of one, two ... EXHAUSTIVE_SIZE segments are tried, `budget` sets at most; if a limit ends
+    that, the first set is chosen one segment at a time and `complete` is False. Friction of a joint acts in its own
+    segments only, so seven joints need at least seven segments, and 93 segments have 1e10 such sets. A segment of
+    known sign comes first.
 
     Source: the condition number as a measure of excitation: Gautier, Khalil, Int. J. Robotics Research 11(4), 1992.
     """
@@ -67,56 +67,56 @@ def condition_order(problem: SignProblem, threshold: float = CONDITION, budget: 
     turn, unknown = left * size, problem.count - problem.anchored
     grams = turn.T @ problem.grams @ turn  # (S, r, r) with the eigenvalues over base parameters in their own units
     known = tuple(range(unknown, problem.count))
-    first, complete = _smallest(grams, known, problem.joints[:unknown], threshold, budget)
+    first, complete = _min_set(grams, known, problem.joints[:unknown], threshold, budget)
     if first is None:
-        first = _one_by_one(grams, known, unknown, threshold)[: len(known) + MOST]
+        first = _greedy_set(grams, known, unknown, threshold)[: len(known) + MAX_FIRST_SEGMENTS]
     lost, condition = _conditioning(grams[list(first)].sum(0)[None])
-    order = np.array(_one_by_one(grams, first, unknown), dtype=np.intp)
+    order = np.array(_greedy_set(grams, first, unknown), dtype=np.intp)
     return SegmentOrder(order, len(first), np.inf if lost[0] else float(condition[0]), complete)
 
 
 def _conditioning(grams: Array) -> tuple[Array, Array]:
     """Rank deficiency, and condition number of the rest, of (k, r, r) Gram matrices."""
     values = np.linalg.eigvalsh(grams)
-    lost = (values <= LOST_ORDER * values[:, -1:]).sum(1)
+    lost = (values <= ORDER_ROUNDING * values[:, -1:]).sum(1)
     least = np.take_along_axis(values, np.minimum(lost, values.shape[1] - 1)[:, None], 1)[:, 0]
     return lost, np.sqrt(np.maximum(values[:, -1], 0.0) / np.maximum(least, 1e-300))
 
 
-def _smallest(grams: Array, known: _Set, joints: Indices, threshold: float, budget: int) -> tuple[_Set | None, bool]:
+def _min_set(grams: Array, known: _Set, joints: Indices, threshold: float, budget: int) -> tuple[_Set | None, bool]:
     """Best set of the smallest size that has a well-conditioned one, and whether all sets up to it were tried."""
-    base, needed, own = grams[list(known)].sum(0), _needed(grams, joints), joints.tolist()
-    for size in range(0 if known else 1, min(LARGEST, len(joints)) + 1):
+    base, needed, own = grams[list(known)].sum(0), _needed_joints(grams, joints), joints.tolist()
+    for size in range(0 if known else 1, min(EXHAUSTIVE_SIZE, len(joints)) + 1):
         if size < len(needed):
             continue
-        if comb(len(joints), size) > GENERATED * budget:
+        if comb(len(joints), size) > MAX_GENERATED_RATIO * budget:
             return None, False
         sets = (s for s in combinations(range(len(joints)), size) if needed <= {own[i] for i in s})
         taken = list(islice(sets, budget + 1))
         if len(taken) > budget:
             return None, False
         budget -= len(taken)
-        best = min(_tried(grams, base, taken), default=(0, np.inf, ()))
+        best = min(_try_sets(grams, base, taken), default=(0, np.inf, ()))
         if taken and best[0] == 0 and best[1] < threshold:
             return (*known, *best[2]), True
-    return None, LARGEST >= len(joints)
+    return None, EXHAUSTIVE_SIZE >= len(joints)
 
 
-def _needed(grams: Array, joints: Indices) -> set[int]:
+def _needed_joints(grams: Array, joints: Indices) -> set[int]:
     """Joints without whose segments the rows are rank deficient."""
     total = grams.sum(0)
     rest = [(j, total - grams[: len(joints)][joints == j].sum(0)) for j in np.unique(joints).tolist()]
     return {j for j, gram in rest if _conditioning(gram[None])[0][0] > 0}
 
 
-def _tried(grams: Array, base: Array, sets: Sequence[_Set]) -> Iterator[tuple[int, float, _Set]]:
-    for k in range(0, len(sets), BLOCK):
-        block = sets[k : k + BLOCK]
+def _try_sets(grams: Array, base: Array, sets: Sequence[_Set]) -> Iterator[tuple[int, float, _Set]]:
+    for k in range(0, len(sets), GRAM_BLOCK):
+        block = sets[k : k + GRAM_BLOCK]
         lost, condition = _conditioning(base + grams[np.array(block, dtype=np.intp)].sum(1))
         yield from zip(lost.tolist(), condition.tolist(), block, strict=True)
 
 
-def _one_by_one(grams: Array, first: _Set, unknown: int, threshold: float = 0.0) -> _Set:
+def _greedy_set(grams: Array, first: _Set, unknown: int, threshold: float = 0.0) -> _Set:
     """A set and the segments added to it greedily, until it is well conditioned or complete."""
     taken, total = list(first), grams[list(first)].sum(0)
     left = [i for i in range(unknown) if i not in first]
@@ -183,7 +183,7 @@ def grow(
     choices = [(1.0,) if problem.joints[i] < 0 else (1.0, -1.0) for i in order]
     pool, nodes, spent = [TreeNode(0.0, np.zeros(0), 0)], 0, 0
     for k in range(max(start, 1), len(order) + 1):
-        level, members = _level(problem, order[:k]), problem.projections[:, order[:k]]
+        level, members = _tree_level(problem, order[:k]), problem.projections[:, order[:k]]
         tried = [(*node.signs, *more) for node in pool for more in product(*choices[len(node.signs) : k])]
         found = [solve(level, members @ np.array(signs))._replace(signs=signs) for signs in tried]
         nodes, spent = nodes + len(found), spent + sum(node.evaluations for node in found)
@@ -200,10 +200,10 @@ def in_place(signs: Sequence[float], order: Indices) -> Array:
     return out
 
 
-def _level(problem: SignProblem, members: Indices) -> TreeLevel:
+def _tree_level(problem: SignProblem, members: Indices) -> TreeLevel:
     gram = problem.grams[members].sum(0)
     values, axes = np.linalg.eigh(gram)
-    seen = values > LOST * values[-1]
+    seen = values > LEVEL_ROUNDING * values[-1]
     size, axes = np.sqrt(values[seen])[:, None], axes[:, seen].T
     return TreeLevel(gram, size * axes, axes / size, float(problem.energies[members].sum()))
 
@@ -214,7 +214,7 @@ def search_tree(
     prior: Parameters,
     bounds: Bounds | None = None,
     *,
-    width: int = WIDTH,
+    width: int = TREE_WIDTH,
     algorithm: str = "LN_SBPLX",
     restarts: int = 3,
     rounds: int = 3,
@@ -235,19 +235,19 @@ def search_tree(
     """
     if restarts < 1 or rounds < 1:
         raise OptionError(f"{restarts} starts of {rounds} rounds solve nothing; ask for at least 1 of each")
-    scales = _scales(problem, base)
+    scales = _base_scales(problem, base)
     box = bounds_around(base, scales, prior) if bounds is None else bounds
     check_box(box, base)
     physics = physics_of(base, scales, prior)
     standard, rng = problem.forward @ base.combination, np.random.default_rng(seed)
-    weights = (SCHEDULE * np.arange(rounds)).tolist()
+    weights = (ROUND_PENALTY * np.arange(rounds)).tolist()
 
     def solve(level: TreeLevel, right: Array) -> TreeNode:
         target = level.turn @ right
         cost = cost_over(box, physics, level.root @ standard, target, max(level.energy - float(target @ target), 0.0))
         starts = rng.uniform(size=(restarts, len(cost.free)))
         ends = [descend(cost, start, weights, algorithm, budget, seed) for start in starts]
-        x, loss = _polished(cost, min(ends, key=lambda end: end.value), weights[-1])
+        x, loss = _polish(cost, min(ends, key=lambda end: end.value), weights[-1])
         return TreeNode(loss, cost.standard(x), sum(end.evaluations for end in ends))
 
     ordered = condition_order(problem)
@@ -257,25 +257,25 @@ def search_tree(
     return TreeResult(signs, base.combination @ node.end, node.loss, nodes, node.evaluations, notes)
 
 
-def _polished(cost: PenaltyCost, end: Optimum, weight: float) -> tuple[Array, float]:
+def _polish(cost: PenaltyCost, end: Optimum, weight: float) -> tuple[Array, float]:
     """Point [1] and cost of the nearest solution of linear least squares, or those of the end if it costs less.
 
     Once the signs are known, the residual is linear in the parameters, so a search that stops beside its optimum is
     moved there. A solution outside the box is clipped; one that violates physics costs more than the end.
     """
-    step = np.linalg.lstsq(cost.matrix, cost.target - cost.matrix @ end.x, rcond=LOST**0.5)[0]
+    step = np.linalg.lstsq(cost.matrix, cost.target - cost.matrix @ end.x, rcond=LEVEL_ROUNDING**0.5)[0]
     moved = np.clip(end.x + step, 0.0, 1.0)
     value = cost.problem(moved, weight).objective(moved)
     return (moved, value) if value < end.value else (end.x, end.value)
 
 
-def _scales(problem: SignProblem, base: BaseMap) -> Estimate:
+def _base_scales(problem: SignProblem, base: BaseMap) -> Estimate:
     """Scales of the base parameters: the value at which one alone makes the torque of a joint that depends on it."""
     into, joints = problem.forward, np.unique(problem.joints)
     grams = np.array([problem.grams[problem.joints == j].sum(0) for j in joints])
     energies = np.array([problem.energies[problem.joints == j].sum() for j in joints])
     shown = np.einsum("ri,jrs,si->ji", into, grams, into)
-    alone = np.where(shown > SHOWN * shown.sum(0), energies[:, None] / np.maximum(shown, 1e-300), np.inf)
+    alone = np.where(shown > SHOWN_SHARE * shown.sum(0), energies[:, None] / np.maximum(shown, 1e-300), np.inf)
     least = alone.min(0)
     size = np.sqrt(np.where(np.isfinite(least), least, 0.0))
     nothing = np.zeros((base.rank, base.rank))
@@ -292,7 +292,7 @@ def _order_notes(ordered: SegmentOrder) -> Iterator[str]:
 
 def _loss_notes(problem: SignProblem, signs: Array, node: TreeNode) -> Iterator[str]:
     least = problem.loss(signs)
-    if node.loss > (1 + EXCESS) * least + NEGLIGIBLE * problem.energies.sum():
+    if node.loss > (1 + MIN_NOTED_EXCESS) * least + NEGLIGIBLE_EXCESS * problem.energies.sum():
         yield (
             f"the search at the last node ended at a loss of {node.loss:.3g}, but least squares with the same signs "
             f"reaches {least:.3g}, so its signs may be wrong; --signs exact needs no such search"
@@ -306,7 +306,7 @@ def by_tree(task: Task, seed: int, progress: Progress | None = None) -> ChooseSi
         grown = search_tree(problem, task.base, stated_parameters(task), seed=seed, progress=progress)
         loss, (lower, optimal) = problem.loss(grown.signs), certify(problem, grown.signs)
         gap = 0.0 if optimal or loss <= 0 else min(max(1 - lower / loss, 0.0), 1.0)
-        note = NOTE.format(nodes=grown.nodes, evaluations=grown.evaluations)
+        note = TREE_NOTE.format(nodes=grown.nodes, evaluations=grown.evaluations)
         proof = SignProof(optimal, gap, grown.nodes, optimal)
         return SignChoice(grown.signs, problem.coordinates(grown.signs), proof, (note, *grown.notes))
 

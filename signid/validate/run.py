@@ -12,7 +12,7 @@ from ..diagnose.data.motions import pieces, row_filter
 from ..diagnose.extend.holdout import filtered
 from ..effects import EFFECT_NAMES
 from ..errors import InputError, OptionError, RecordingError, shorten
-from ..estimation.fit_quality import LITTLE, Fit, fit_rows
+from ..estimation.fit_quality import MIN_R2, Fit, fit_rows
 from ..faults import NO_EXCITATION, OF_A_FIT, RecordingFaults, examine
 from ..model import Model, ModelSource, as_model
 from ..recording import Recordings, as_recordings, same_joints
@@ -289,7 +289,7 @@ def fault_flags(names: Sequence[str], faults: Sequence[RecordingFaults]) -> Iter
 def row_notes(one: ValidatedModel, lost: Sequence[str]) -> Iterator[str]:
     """A sentence on each joint whose torque is poorly predicted, or that has no rows for another reason than `lost`."""
     fit = one.fit
-    if poor := [f"{joint} (R2 {r2:.2f})" for joint, r2 in zip(fit.joints, fit.held_out_r2, strict=True) if r2 < LITTLE]:
+    if poor := [f"{joint} (R2 {r2:.2f})" for joint, r2 in zip(fit.joints, fit.held_out_r2, strict=True) if r2 < MIN_R2]:
         yield f"{one.name} predicts little of the torque of {shorten(poor)}"
     for joint, rms in zip(fit.joints, fit.held_out_rms, strict=True):
         if np.isnan(rms) and joint not in lost:

@@ -105,9 +105,9 @@ def _laws(robot: Robot, texts: Sequence[str]) -> Mapping[str, str] | str | None:
 
 def _joint(given: str, robot: Robot) -> str:
     """Name of a joint that is given by name or number."""
-    from ...robot.joints import find
+    from ...robot.joints import find_joint
 
-    return robot.joints[find(given, robot)]
+    return robot.joints[find_joint(given, robot)]
 
 
 def injected_numbers(text: str, robot: Robot) -> tuple[str, dict[str, float]]:

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from ...errors import RecordingError
-from ...regression.projection import RANK, least_squares
+from ...regression.projection import SINGULAR_VALUE_TOLERANCE, least_squares
 from ...types import Array, Frozen, Indices, Mask
 from .column_groups import Group
 from .estimated_gains import GainPrior, gain_prior
@@ -136,7 +136,7 @@ class Whitened(Frozen):
             x = self.chosen(j, columns_of([g for g in self.refitted if not g.bodies and self.rows(g) == [j]]))[1]
             size = np.linalg.norm(x, axis=0)
             left, singular, _ = np.linalg.svd(x[:, size > 0] / size[size > 0], full_matrices=False)
-            out.append(left[:, singular > RANK * singular.max(initial=0.0)])
+            out.append(left[:, singular > SINGULAR_VALUE_TOLERANCE * singular.max(initial=0.0)])
         return out
 
     def rows(self, group: Group) -> list[int]:

@@ -11,7 +11,7 @@ from scipy.special import softmax
 
 from ...deadline import time_is_up
 from ...estimation.excitation import in_step
-from ...regression.projection import RANK, leave
+from ...regression.projection import SINGULAR_VALUE_TOLERANCE, leave
 from ...types import Array, Frozen
 from ..data.column_groups import Group
 from ..data.dataset import Dataset
@@ -270,5 +270,5 @@ def _residual_energy(posterior: Posterior, rival: Group, torque: Mapping[int, Ar
     columns = np.concatenate([own, *map(stacked, shared)], axis=1)
     parts = zip(joints, np.split(np.column_stack([target, columns]), len(joints)), strict=True)
     free = np.concatenate([data.free(j, part) for j, part in parts])
-    independent = np.linalg.norm(free[:, 1:], axis=0) > RANK * np.linalg.norm(columns, axis=0)
+    independent = np.linalg.norm(free[:, 1:], axis=0) > SINGULAR_VALUE_TOLERANCE * np.linalg.norm(columns, axis=0)
     return float(np.sum(leave(free[:, 0], free[:, 1:][:, independent]) ** 2))

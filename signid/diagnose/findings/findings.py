@@ -19,7 +19,7 @@ from ...regression.motion import Motion
 from ...regression.session import Session
 from ...simulation.excite.families import Fourier, random_parameters
 from ...simulation.excite.limits import build_limits
-from ...simulation.excite.separation import STRUCTURAL, law_distance, wide_columns, with_torque
+from ...simulation.excite.separation import EQUAL_LAW_SHARE, law_distance, wide_columns, with_torque
 from ...types import Array, Frozen, Law, Shape
 from ..data.column_groups import Group
 from ..data.dataset import Dataset
@@ -285,7 +285,7 @@ def tell_apart(model: Model, law: Law, rival: Law, floor: Array, seed: int) -> s
         return UNSOUGHT
     tried = [(*_distance(law, rival, floor, motion), motion) for motion in _motions(model, seed)]
     left, share, motion = max(tried, key=lambda t: t[0])
-    if max(s for _, s, _ in tried) < STRUCTURAL:
+    if max(s for _, s, _ in tried) < EQUAL_LAW_SHARE:
         if _is_wider(rival, law):
             return f"no motion can distinguish them: it does what {law.effect.name} does, by more numbers"
         return "no motion can distinguish them; another sensor or a known load is needed"

@@ -9,9 +9,9 @@ import numpy as np
 
 from ...deadline import time_is_up
 from ...effects import EFFECTS
-from ...effects.empirical import PLACES, VARIABLES
+from ...effects.empirical import MOTION_VARIABLES, POINTS
 from ...effects.law import law_columns
-from ...estimation.fit_quality import LITTLE, Fit
+from ...estimation.fit_quality import MIN_R2, Fit
 from ...regression.session import Session
 from ...simulation.rollout import RollOut
 from ...types import Array, Law
@@ -32,7 +32,7 @@ def add_empirical_torque(session: Session, result: Conclusions) -> Conclusions:
     """Add a piecewise linear torque for unexplained torque to the simulation where it predicts the held-out rows."""
     prediction, out, laws = result.prediction, list[Unexplained](), list[Law]()
     for one in result.unexplained:
-        if one.place.variable not in VARIABLES:
+        if one.place.variable not in MOTION_VARIABLES:
             out.append(one)
             continue
         law = _empirical_law(prediction.train, one)
@@ -44,7 +44,7 @@ def add_empirical_torque(session: Session, result: Conclusions) -> Conclusions:
         gain = 1 - float(after @ after) / max(float(held_out @ held_out), 1e-300)
         modelled = gain > EMPIRICAL_GAIN and not session.judges_itself
         if modelled:
-            values = {f"value_{k}": float(v) for k, v in zip(PLACES, value, strict=True)}
+            values = {f"value_{k}": float(v) for k, v in zip(POINTS, value, strict=True)}
             laws.append(replace(law, parameters={**law.parameters, **values}))
         out.append(replace(one, held_out_gain=gain, modelled=modelled))
     if laws:
@@ -77,7 +77,7 @@ def holdout_warnings(before: Fit, after: Fit) -> Iterator[str]:
                 f"the torque of {joint} on held-out recordings is predicted worse than before "
                 f"({then:.3g} -> {now:.3g} {after.unit[k]}): do not use the extended simulation for it"
             )
-        elif after.held_out_r2[k] < LITTLE and now > LOUD * after.irreducible_rms[k]:
+        elif after.held_out_r2[k] < MIN_R2 and now > LOUD * after.irreducible_rms[k]:
             yield (
                 f"the extended simulation still predicts little of the torque of {joint} on held-out recordings "
                 f"(R2 {after.held_out_r2[k]:.2f}): what is missing there was not found"
@@ -91,13 +91,13 @@ def _is_worse(before: Fit, after: Fit, k: int) -> bool:
 
 def _empirical_law(rows: ResidualRows, one: Unexplained) -> Law:
     """Empirical law without values, with knots between quantiles and equal distances of the variable."""
-    index = VARIABLES.index(one.place.variable)
+    index = MOTION_VARIABLES.index(one.place.variable)
     motions = [piece.motion for piece in rows.pieces]
     signal = np.concatenate([(m.q, m.v, m.a, m.load)[index][:, one.joint] for m in motions])
-    share = np.linspace(0, 1, len(PLACES))
+    share = np.linspace(0, 1, len(POINTS))
     knots = (np.quantile(signal, share) + signal.min() + share * np.ptp(signal)) / 2  # near the rows, but not too close
     knots = knots + np.arange(len(knots)) * 1e-9 * max(float(np.ptp(signal)), 1e-9)  # keeps knots distinct
-    shape = {f"knot_{k}": float(x) for k, x in zip(PLACES, knots, strict=True)}
+    shape = {f"knot_{k}": float(x) for k, x in zip(POINTS, knots, strict=True)}
     return Law(EFFECTS["empirical"], (one.joint,), {"variable": float(index), **shape})
 
 

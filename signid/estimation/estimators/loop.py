@@ -15,22 +15,22 @@ from ...model import Model, fitted_model, stated_parameters
 from ...recording.sampling import samples
 from ...regression.bandwidth import Decimator
 from ...regression.motion import Motion, base_rows, build_motion, margin
-from ...regression.projection import least_squares
-from ...regression.session import PIECE, Options, Part, Session
+from ...regression.projection import SINGULAR_VALUE_TOLERANCE, least_squares
+from ...regression.session import BAND_SAMPLES, Options, Part, Session
 from ...simulation.plant import simulate, track
-from ...simulation.plant.control import BANDWIDTH, Plan, sampled
+from ...simulation.plant.control import LOOP_BANDWIDTH, Plan, sampled
 from ...types import Array, Estimate, Frozen, Mask, Samples, Trajectory
 from ..feasible import fit_consistent
 from ..least_squares import estimate
 from .base import Estimator, Given, part_of
 
-SHARE = 0.5  # [1] smallest share of the torque variance that an estimated controller explains; else a default is used
-SLOW, FAST = 2 * np.pi * 0.5, 2 * np.pi * 30.0  # [rad/s] smallest and largest natural frequency of a position loop
-LOOSE, STIFF = 0.3, 2.0  # [1] smallest and largest damping ratio of a position loop
-RANK = 1e-9  # [1] smallest singular value that counts, over the largest
-STEP = 1e-3  # [s] largest step of the simulation
-ROUNDS, SETTLED = 8, 0.05  # largest number of rounds; [standard deviations] change at which they have converged
-EXACT = 1e-6  # [1] the same as a share of the largest parameter, for recordings without noise
+MIN_CONTROLLER_SHARE = 0.5  # [1] of the torque variance that an estimated controller explains, else a default is used
+MIN_LOOP_FREQUENCY, MAX_LOOP_FREQUENCY = 2 * np.pi * 0.5, 2 * np.pi * 30.0  # [rad/s] natural, of a position loop
+MIN_DAMPING_RATIO, MAX_DAMPING_RATIO = 0.3, 2.0  # [1] smallest and largest damping ratio of a position loop
+MAX_LOOP_STEP = 1e-3  # [s] largest step of the simulation
+MAX_LOOP_ROUNDS = 8
+CONVERGED_DEVIATIONS = 0.05  # [standard deviations] change at which rounds have converged
+CONVERGED_SHARE = 1e-6  # [1] the same as a share of the largest parameter, for recordings without noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,16 +81,16 @@ def find_controller(
     if gains is not None:
         return Controller(*gains, tuple(fit.ahead for fit in found), "the gains of the controller are as stated")
     usual = track(model, Trajectory(session.robot.joints, asked.t, asked.q, asked.v, asked.a))
-    inertia = usual.stiffness / (2 * np.pi * BANDWIDTH) ** 2
+    inertia = usual.stiffness / (2 * np.pi * LOOP_BANDWIDTH) ** 2
     kp, kd = np.array([fit.gains for fit in found]).T
     shares = np.array([fit.share for fit in found])
-    good = np.asarray((shares > SHARE) & (kp > inertia * SLOW**2))
-    stiffness = np.where(good, np.minimum(kp, inertia * FAST**2), usual.stiffness)
+    good = np.asarray((shares > MIN_CONTROLLER_SHARE) & (kp > inertia * MIN_LOOP_FREQUENCY**2))
+    stiffness = np.where(good, np.minimum(kp, inertia * MAX_LOOP_FREQUENCY**2), usual.stiffness)
     critical = 2 * np.sqrt(stiffness * inertia)
-    damping = np.where(good, np.clip(kd, LOOSE * critical, STIFF * critical), usual.damping)
+    damping = np.where(good, np.clip(kd, MIN_DAMPING_RATIO * critical, MAX_DAMPING_RATIO * critical), usual.damping)
     ahead = (fit.ahead if good[j] else value[session.task.seen(j)] for j, fit in enumerate(found))
     speed = np.sqrt(stiffness / inertia) / (2 * np.pi)
-    return Controller(stiffness, damping, tuple(ahead), _note(session, good, shares, speed))
+    return Controller(stiffness, damping, tuple(ahead), _controller_note(session, good, shares, speed))
 
 
 class _Fit(NamedTuple):
@@ -101,7 +101,7 @@ class _Fit(NamedTuple):
 
 def _fit_joints(session: Session, piece: Samples, gains: tuple[Array, Array] | None) -> tuple[Motion, list[_Fit]]:
     """Desired motion of a stretch, and the controller of each joint."""
-    t, q, tau, q_des = (x[: PIECE // 4] for x in (piece.t, piece.q, piece.tau, piece.q_des) if x is not None)
+    t, q, tau, q_des = (x[: BAND_SAMPLES // 4] for x in (piece.t, piece.q, piece.tau, piece.q_des) if x is not None)
     real, asked = (motion_of(session, x, float(t[1] - t[0])) for x in (q, q_des))
     thin = Decimator(session.task.band.taps, session.task.band.factor)
     found = []
@@ -113,19 +113,19 @@ def _fit_joints(session: Session, piece: Samples, gains: tuple[Array, Array] | N
         first = 0 if stated is None else 2
         x, y = rows[:, first:-1], rows[:, -1] - (0 if stated is None else rows[:, :2] @ stated)
         size = np.maximum(np.linalg.norm(x, axis=0), 1e-300)
-        solved = least_squares(x / size, y, RANK) / size
+        solved = least_squares(x / size, y, SINGULAR_VALUE_TOLERANCE) / size
         share = 1 - float(np.var(y - x @ solved)) / max(float(np.var(rows[:, -1])), 1e-300)
         found.append(_Fit(solved[:2] if stated is None else stated, solved[2 - first :], share))
     return asked, found
 
 
-def _note(session: Session, good: Mask, shares: Array, speed: Array) -> str:
+def _controller_note(session: Session, good: Mask, shares: Array, speed: Array) -> str:
     joints = session.robot.joints
     found = ", ".join(f"{joint} {hertz:.2g} Hz" for joint, hertz, ok in zip(joints, speed, good, strict=True) if ok)
     other = ", ".join(joint for joint, ok in zip(joints, good, strict=True) if not ok)
     explained = f"{shares[good].min(initial=1):.2%}"
     fitted = f"a PD controller with feed-forward torque explains {explained} of the torque ({found})"
-    default = f"no PD controller explains the torque of {other}: a default one of {BANDWIDTH:g} Hz is used"
+    default = f"no PD controller explains the torque of {other}: a default one of {LOOP_BANDWIDTH:g} Hz is used"
     return "; ".join(sentence for sentence, names in ((fitted, found), (default, other)) if names)
 
 
@@ -155,20 +155,20 @@ class LoopEstimator(Frozen, Estimator):
 
     def estimate(self, given: Given) -> Estimate:
         """Alternate between simulation with the current parameters and estimation along its motion."""
-        session, pieces = given.session, _pieces(given.session, self.name)
+        session, pieces = given.session, _training_pieces(given.session, self.name)
         found, controller = estimate(given.factors, given.base, given.prior, given.whiten), None
-        for done in range(ROUNDS):
+        for done in range(MAX_LOOP_ROUNDS):
             fit = fit_consistent(given.base, found, stated_parameters(session.task))
             model = fitted_model(session.task, fit.parameters)
             controller = controller or find_controller(session, pieces, model, fit.base_value, self.gains)
             if given.progress is not None:
-                given.progress("simulating the closed loop", done / ROUNDS)
-            motions = [_run(session, model, controller, piece) for piece in pieces]
+                given.progress("simulating the closed loop", done / MAX_LOOP_ROUNDS)
+            motions = [_run_loop(session, model, controller, piece) for piece in pieces]
             bare = [piece._replace(q_des=None) for piece in pieces]
             moved = [Samples(**{**piece._asdict(), self.simulated: q}) for piece, q in zip(bare, motions, strict=True)]
             new = self.solve(given, [part_of(session, piece) for piece in moved])
             known = np.isfinite(new.std)
-            least = SETTLED * new.std[known] + EXACT * np.abs(new.value).max(initial=0.0)
+            least = CONVERGED_DEVIATIONS * new.std[known] + CONVERGED_SHARE * np.abs(new.value).max(initial=0.0)
             still, found = bool(np.all(np.abs(new.value - found.value)[known] <= least)), new
             if still or time_is_up(f"the estimator {self.name}"):
                 break
@@ -179,8 +179,8 @@ class LoopEstimator(Frozen, Estimator):
         )
         assert controller is not None, "there is a round"
         flag = (
-            f"the estimator {self.name} did not converge within {ROUNDS} rounds; its intervals are too narrow, use wls "
-            "or tls"
+            f"the estimator {self.name} did not converge within {MAX_LOOP_ROUNDS} rounds; its intervals are too "
+            "narrow, use wls or tls"
         )
         flags = found.flags if still else (*found.flags, flag)
         return replace(found, notes=(*found.notes, controller.note, note), flags=flags)
@@ -207,7 +207,7 @@ class ControllerDrive(Frozen):
         return Plan(ahead, q, v, self.controller.stiffness, self.controller.damping)
 
 
-def _pieces(session: Session, name: str) -> list[Samples]:
+def _training_pieces(session: Session, name: str) -> list[Samples]:
     """Training stretches, after a check that all have desired positions."""
     lacking = [
         joint
@@ -225,14 +225,14 @@ def _pieces(session: Session, name: str) -> list[Samples]:
     return pieces
 
 
-def _run(session: Session, model: Model, controller: Controller, piece: Samples) -> Array:
+def _run_loop(session: Session, model: Model, controller: Controller, piece: Samples) -> Array:
     """Positions (N, n) [rad or m] of the closed loop along a stretch."""
     assert piece.q_des is not None, "checked before"
     period = float(piece.t[1] - piece.t[0])
     asked, real = (motion_of(session, q, period) for q in (piece.q_des, piece.q))
     path = Trajectory(session.robot.joints, asked.t, asked.q, asked.v, asked.a)
     drive = ControllerDrive(path, controller.feed_forward(session, asked), controller, real.q[0], real.v[0])
-    parts = int(np.ceil(period / STEP - 1e-9))
+    parts = int(np.ceil(period / MAX_LOOP_STEP - 1e-9))
     try:
         moved = simulate(model, drive, len(asked.t) * period, step=period / parts)
     except OptionError as error:

@@ -10,13 +10,13 @@ import scipy.linalg
 
 from ...regression.bandwidth import encoder_noise
 from ...regression.rows import read_rows
-from ...regression.session import PIECE, longest_piece
+from ...regression.session import BAND_SAMPLES, longest_piece
 from ...types import Array, Estimate
 from ..least_squares import estimate
 from .base import Estimator, Given, part_of
 
-SEED, DRAWS = 0, 4  # seed of the simulated position noise, and number of realisations
-MOST = 0.5  # [1] largest noise share of the power of a combination of columns without a flag
+NOISE_SEED, NOISE_DRAWS = 0, 4  # seed of the simulated position noise, and number of realisations
+MAX_COLUMN_NOISE = 0.5  # [1] largest noise share of the power of a combination of columns without a flag
 
 
 class TotalLeastSquares(Estimator):
@@ -37,19 +37,19 @@ class TotalLeastSquares(Estimator):
         listed = ", ".join(f"{size:.2g}" for size in sizes)
         note = f"encoder noise of {listed} rad or m was removed from the columns: up to {share:.1%} of their power"
         flag = f"position noise is {share:.0%} of the power of some columns, and the estimate is uncertain; lower the "
-        flags = (flag + "cut-off",) if share > MOST else ()
+        flags = (flag + "cut-off",) if share > MAX_COLUMN_NOISE else ()
         return replace(found, method=self.title, notes=(*found.notes, note), flags=flags)
 
 
 def column_noise(given: Given) -> tuple[list[Array], Array]:
     """Gram matrix (m, m) of the noise in each joint's columns, and standard deviations (n,) of positions [rad or m]."""
     session = given.session
-    pieces = [longest_piece(part, PIECE) for part in session.train]
+    pieces = [longest_piece(part, BAND_SAMPLES) for part in session.train]
     size = encoder_noise(max((piece.q for piece in pieces), key=len))
-    task, rng = replace(session.task, instruments=False), np.random.default_rng(SEED)
+    task, rng = replace(session.task, instruments=False), np.random.default_rng(NOISE_SEED)
     grams = [np.zeros((len(seen), len(seen))) for seen in given.factors.columns]
     rows = np.zeros(len(grams))
-    for piece in [piece for piece in pieces for _ in range(DRAWS)]:
+    for piece in [piece for piece in pieces for _ in range(NOISE_DRAWS)]:
         noisy = piece._replace(q=piece.q + size * rng.standard_normal(piece.q.shape))
         both = (read_rows(task, *part_of(session, samples)) for samples in (piece, noisy))
         for ours, theirs in zip(*both, strict=True):

@@ -16,11 +16,11 @@ from ...deadline import seconds_left, time_is_up
 from ...regression.projection import least_squares
 from ...types import Array, BaseMap, Estimate, Frozen, Indices, Mask, Parameters, pseudo_inertia
 
-LEAST_MASS = 1e-3  # [kg] mass below which a body counts as massless
-LEAST_RADIUS = 3e-3  # [m] radius of gyration below which a body counts as flat
-MASS, RADIUS = 0.05, 0.03  # [kg], [m] mass and radius of gyration of a substitute
-_SCALE = np.array([0.3] + [0.1] * 3 + [0.01] * 6)  # [1, m, m2] scale of a body's parameters per kg: 30 %, 10 cm
-_LOST = 1e-12  # [1] smallest information of an identifiable direction, over the largest
+MIN_BODY_MASS = 1e-3  # [kg] mass below which a body counts as massless
+MIN_BODY_RADIUS = 3e-3  # [m] radius of gyration below which a body counts as flat
+SUBSTITUTE_MASS, SUBSTITUTE_RADIUS = 0.05, 0.03  # [kg], [m] mass and radius of gyration of a substitute
+_BODY_SCALES = np.array([0.3] + [0.1] * 3 + [0.01] * 6)  # [1, m, m2] scale of a body's parameters per kg: 30 %, 10 cm
+_MIN_INFORMATION = 1e-12  # [1] smallest information of an identifiable direction, over the largest
 _PAIRS = np.tril_indices(4)
 BASIS = np.zeros((10, 4, 4))
 BASIS[np.arange(10), _PAIRS[0], _PAIRS[1]] = BASIS[np.arange(10), _PAIRS[1], _PAIRS[0]] = np.where(
@@ -85,11 +85,11 @@ def feasible_prior(base: BaseMap, prior: Parameters) -> tuple[Parameters, tuple[
     values = np.nan_to_num(prior.values)
     values[positive(prior)] = np.maximum(values[positive(prior)], 0.0)
     given = values[inertial(prior)].reshape(-1, 10)
-    made = np.array([_solid(body) for body in given]).reshape(-1, 10)
+    made = np.array([_feasible_body(body) for body in given]).reshape(-1, 10)
     fault = ("is thinner than 3 mm or infeasible", "has no mass")
     notes = tuple(
-        f"body {i + 1} of the description {fault[int(old[0] < LEAST_MASS)]}; "
-        f"one of {new[0]:.3g} kg and {RADIUS * 100:.0f} cm radius of gyration replaces it"
+        f"body {i + 1} of the description {fault[int(old[0] < MIN_BODY_MASS)]}; "
+        f"one of {new[0]:.3g} kg and {SUBSTITUTE_RADIUS * 100:.0f} cm radius of gyration replaces it"
         for i, (old, new) in enumerate(zip(given, made, strict=True))
         if not np.array_equal(old, new)
     )
@@ -110,15 +110,15 @@ def coefficient_sizes(base: BaseMap, value: Array, prior: Array, std: Array | No
     return np.where(size > 0, size, 1.0)
 
 
-def _solid(body: Array) -> Array:
+def _feasible_body(body: Array) -> Array:
     """The body if it is feasible, else a similar feasible one."""
     matrix = pseudo_inertia(body)
-    mass = matrix[3, 3] if matrix[3, 3] >= LEAST_MASS else MASS
+    mass = matrix[3, 3] if matrix[3, 3] >= MIN_BODY_MASS else SUBSTITUTE_MASS
     centre = matrix[:3, 3] / mass
     spread, axes = np.linalg.eigh(matrix[:3, :3] - mass * np.outer(centre, centre))
-    if mass == matrix[3, 3] and spread[0] >= LEAST_RADIUS**2 * mass:
+    if mass == matrix[3, 3] and spread[0] >= MIN_BODY_RADIUS**2 * mass:
         return body
-    spread = np.where(spread < LEAST_RADIUS**2 * mass, RADIUS**2 * mass, spread)
+    spread = np.where(spread < MIN_BODY_RADIUS**2 * mass, SUBSTITUTE_RADIUS**2 * mass, spread)
     matrix[:3, :3] = (axes * spread) @ axes.T + mass * np.outer(centre, centre)
     matrix[3, 3] = mass
     return np.asarray(TO_INERTIAL @ pack(matrix))
@@ -132,7 +132,7 @@ def standard_from_base(base: BaseMap, value: Array, prior: Parameters) -> Parame
     """
     start, _ = feasible_prior(base, prior)
     size = coefficient_sizes(base, value, start.values)
-    size[inertial(start)] = np.outer(start.bodies()[:, 0], _SCALE).ravel()
+    size[inertial(start)] = np.outer(start.bodies()[:, 0], _BODY_SCALES).ravel()
     x = np.nan_to_num(prior.values)
     for _ in range(3):  # the second and the third iteration remove rounding errors
         rest = value - base.combination @ x
@@ -195,7 +195,7 @@ class FeasibleProblem(Frozen):
         return self.distance(u) ** 2 + self.weight * float(penalty)
 
 
-def build_problem(base: BaseMap, estimate: Estimate, prior: Parameters, weight: float) -> FeasibleProblem:
+def build_feasible(base: BaseMap, estimate: Estimate, prior: Parameters, weight: float) -> FeasibleProblem:
     """Problem over all ten parameters of each body, and each coefficient, that the torque depends on.
 
     The prior is strictly feasible; its weight is in squared standard deviations.
@@ -222,18 +222,18 @@ def information_root(information: Array) -> Array:
     scale = np.sqrt(np.maximum(np.diag(information), 0.0))
     unit = np.where(scale > 0, scale, 1.0)
     values, vectors = np.linalg.eigh(information / np.outer(unit, unit))
-    identifiable = values > _LOST * values.max(initial=0.0)
+    identifiable = values > _MIN_INFORMATION * values.max(initial=0.0)
     return np.asarray(np.sqrt(values[identifiable])[:, None] * vectors[:, identifiable].T * scale)
 
 
-_NEAR = 1e-3  # [standard deviations] distance from the estimate that counts as zero
-_CLOSER = 0.7  # [1] largest remaining share of the distance after the prior's weight is divided by ten
-_SPARE = 1e-9  # [1] margin of a pseudo-inertia over its trace, so that it stays feasible when written with nine digits
-_SHARPEST = 1e5  # [standard deviations per prior size] largest singular value that the interior-point solver gets
-_STRIDE = 5.0  # [1] factor between successive weights of the prior
-_FEW = 25  # largest number of Newton steps per weight
-_NAME = "the fit of feasible inertials"
-_SETTLED = 1e-6  # [1] squared decrement at which a minimiser has converged
+_ZERO_DISTANCE = 1e-3  # [standard deviations] distance from the estimate that counts as zero
+_MAX_DISTANCE_RATIO = 0.7  # [1] largest remaining share of the distance after the prior's weight is divided by ten
+_TRACE_MARGIN = 1e-9  # [1] margin of a pseudo-inertia over its trace: it stays feasible when written with nine digits
+_MAX_SHARPNESS = 1e5  # [standard deviations per prior size] largest singular value that the interior-point solver gets
+_WEIGHT_FACTOR = 5.0  # [1] factor between successive weights of the prior
+_MAX_NEWTON_STEPS = 25  # largest number of Newton steps per weight
+_FIT_NAME = "the fit of feasible inertials"
+_MAX_DECREMENT = 1e-6  # [1] squared decrement at which a minimiser has converged
 
 
 @dataclass(frozen=True, eq=False)
@@ -269,7 +269,7 @@ def fit_consistent(
     Source: Wensing, Kim, Slotine, IEEE RA-L 3(1), 2018 (problem); Lee, Wensing, Park, IEEE T-RO 36(1), 2020 (log det).
     """
     start, notes = feasible_prior(base, prior)
-    problem = build_problem(base, estimate, start, prior_weight)
+    problem = build_feasible(base, estimate, start, prior_weight)
     u, status = solve(problem)
     if status not in ("optimal", "optimal_inaccurate"):
         notes += (f"the conic solver ended with {status!r}; Newton's method solved the problem instead",)
@@ -287,13 +287,13 @@ def fit_consistent(
 
 def _kept(problem: FeasibleProblem, u: Array) -> Parameters | None:
     """Feasible parameters that reproduce the estimate, if the minimiser converges to it for a vanishing prior."""
-    near = _NEAR + 1e-10 * float(np.linalg.norm(problem.target))
+    near = _ZERO_DISTANCE + 1e-10 * float(np.linalg.norm(problem.target))
     for decade in range(1, 8):
         if problem.distance(u) < near:
             parameters = problem.standard(u)
-            return parameters if parameters.is_feasible(_SPARE) else None
+            return parameters if parameters.is_feasible(_TRACE_MARGIN) else None
         closer = polish(replace(problem, weight=10.0**-decade * problem.weight), u, steps=25)
-        if problem.distance(closer) > _CLOSER * problem.distance(u):
+        if problem.distance(closer) > _MAX_DISTANCE_RATIO * problem.distance(u):
             return None
         u = closer
     return None
@@ -316,49 +316,49 @@ def solve(problem: FeasibleProblem) -> tuple[Array, str]:
     it fails, it is used again with a heavier prior, and Newton's method continues from there.
     """
     heaviest = max(problem.distance(problem.start) ** 2 / problem.weight, 1.0)
-    u = trace(problem, heaviest)
+    u = trace_path(problem, heaviest)
     if u is not None:
         return u, "optimal"
     for heavier in (1.0, 1e4, 1e8):
-        u, status = _ask(replace(problem, weight=heavier * problem.weight))
+        u, status = _solve_interior(replace(problem, weight=heavier * problem.weight))
         if u is not None:
-            return follow(problem, u, heavier), status
-        if time_is_up(_NAME):
+            return follow_path(problem, u, heavier), status
+        if time_is_up(_FIT_NAME):
             break
-    return follow(problem, problem.start, heaviest), status
+    return follow_path(problem, problem.start, heaviest), status
 
 
-def trace(problem: FeasibleProblem, heavier: float) -> Array | None:
+def trace_path(problem: FeasibleProblem, heavier: float) -> Array | None:
     """Minimiser (d,) by the central path from the prior; None if the path is lost or time is up.
 
     The prior is nearly the minimiser if its weight is `heavier` times that of the problem.
     """
     u = problem.start
-    for eased in _eased(problem, heavier):
-        u = polish(eased, u, steps=_FEW, precision=0.1, exact=False)
-        if _newton(eased, u, exact=False)[1] > 1 or time_is_up(_NAME):
+    for eased in _eased_problems(problem, heavier):
+        u = polish(eased, u, steps=_MAX_NEWTON_STEPS, precision=0.1, exact=False)
+        if _newton(eased, u, exact=False)[1] > 1 or time_is_up(_FIT_NAME):
             return None
-    u = polish(problem, polish(problem, u, steps=_FEW, exact=False))
-    return u if _newton(problem, u)[1] < _SETTLED else None
+    u = polish(problem, polish(problem, u, steps=_MAX_NEWTON_STEPS, exact=False))
+    return u if _newton(problem, u)[1] < _MAX_DECREMENT else None
 
 
-def follow(problem: FeasibleProblem, u: Array, heavier: float) -> Array:
+def follow_path(problem: FeasibleProblem, u: Array, heavier: float) -> Array:
     """Minimiser (d,) by Newton's method, while the weight of the prior decreases in small strides.
 
     The initial u (d,) [1] is near the minimiser for a weight `heavier` times that of the problem. Strides are small
     because Newton's method is slow near the boundary of the feasible set. They end early if the misfit is so large that
     a lighter prior could reduce it by a thousandth at most.
     """
-    for eased in _eased(problem, heavier):
+    for eased in _eased_problems(problem, heavier):
         u = polish(eased, u, steps=100, precision=0.1)
         if eased.weight * len(u) < 1e-3 * problem.distance(u) ** 2:
             return u
     return polish(problem, u)
 
 
-def _eased(problem: FeasibleProblem, heavier: float) -> Iterator[FeasibleProblem]:
+def _eased_problems(problem: FeasibleProblem, heavier: float) -> Iterator[FeasibleProblem]:
     """Problems with successively lighter priors."""
-    for factor in _STRIDE ** np.arange(np.log(heavier) / np.log(_STRIDE), 0.0, -1.0):
+    for factor in _WEIGHT_FACTOR ** np.arange(np.log(heavier) / np.log(_WEIGHT_FACTOR), 0.0, -1.0):
         yield replace(problem, weight=factor * problem.weight)
 
 
@@ -399,12 +399,12 @@ def _newton(problem: FeasibleProblem, u: Array, exact: bool = True) -> tuple[Arr
     return metric @ step, float(2 * off @ (matrix @ step) / problem.weight + wish @ step)
 
 
-def _ask(problem: FeasibleProblem) -> tuple[Array | None, str]:
+def _solve_interior(problem: FeasibleProblem) -> tuple[Array | None, str]:
     import cvxpy as cp  # its import takes longer than the solution by Newton's method
 
     unit = problem.weight**0.5  # [standard deviations] unit of residuals
     left, sharpness, right = np.linalg.svd(problem.matrix / unit, full_matrices=False)
-    eased = np.minimum(1.0, _SHARPEST / np.maximum(sharpness, 1e-300))
+    eased = np.minimum(1.0, _MAX_SHARPNESS / np.maximum(sharpness, 1e-300))
     u = cp.Variable(len(problem.offset))
     rows = (eased * sharpness)[:, None] * right @ u - eased * (left.T @ problem.target) / unit
     (one, two), spread = problem.bounds, BASIS.reshape(10, 16).T

@@ -16,15 +16,15 @@ from ...toml_json import read_toml
 from ...types import Array, BaseMap, Estimate, Frozen, Indices, Parameters, pseudo_inertia
 from ..feasible.fit import TO_INERTIAL, coefficient_sizes, feasible_prior, inertial, pack, positive
 
-_MASS = (0.2, 3.0)  # [1] smallest and largest mass over that of the description
-_HUGE = 1e100  # largest number in a bounds file
-_NEAR = 0.05  # [m] largest shift of a centre of mass, or twice the radius of gyration if that is larger
-_ROWS = {"mass": slice(0, 1), "first_moment": slice(1, 4), "inertia": slice(4, 10)}
-SEARCH = "the search for standard parameters"
-_LARGE = 1e3  # [squared standard deviations] cost above which a search that stopped early is repeated
+_MASS_RATIOS = (0.2, 3.0)  # [1] smallest and largest mass over that of the description
+_MAX_BOUND = 1e100  # largest number in a bounds file
+_MAX_CENTRE_SHIFT = 0.05  # [m] largest shift of a centre of mass, or twice the radius of gyration if that is larger
+_QUANTITY_ROWS = {"mass": slice(0, 1), "first_moment": slice(1, 4), "inertia": slice(4, 10)}
+PBRP_NAME = "the search for standard parameters"
+_MAX_COST = 1e3  # [squared standard deviations] cost above which a search that stopped early is repeated
 _MARGIN = 1e-3  # [1] margin of each constraint over its size, so that parameters without penalty are feasible
-_SECOND = np.array([pseudo_inertia(e)[:3, :3] for e in np.eye(10)])  # (10, 3, 3) of second moments
-_FLAT = _SECOND.reshape(10, 9)
+_MOMENTS = np.array([pseudo_inertia(e)[:3, :3] for e in np.eye(10)])  # (10, 3, 3) of second moments
+_FLAT_MOMENTS = _MOMENTS.reshape(10, 9)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,7 @@ def bounds_around(base: BaseMap, estimate: Estimate, prior: Parameters) -> Bound
     reach = 3 * coefficient_sizes(base, estimate.value, start.values, estimate.std)
     lower, upper = np.where(positive(start), 0.0, -reach), reach
     body = inertial(start)
-    boxes = np.array([_box(x) for x in start.bodies()]).reshape(-1, 2, 10)
+    boxes = np.array([_body_box(x) for x in start.bodies()]).reshape(-1, 2, 10)
     lower[body], upper[body] = boxes[:, 0].ravel(), boxes[:, 1].ravel()
     return Bounds(lower, upper)
 
@@ -102,21 +102,21 @@ def read_bounds(path: str | Path, links: Sequence[str], default: Bounds) -> Boun
         for quantity, stated in quantities.items():
             where = f"{quantity} of [link.{link}] in {path}"
             low, high = _intervals(quantity, stated, where)
-            rows = np.arange(first, first + 10)[_ROWS[quantity]]
+            rows = np.arange(first, first + 10)[_QUANTITY_ROWS[quantity]]
             lower[rows], upper[rows] = low, high
     return Bounds(lower, upper)
 
 
 def _intervals(quantity: str, stated: Any, where: str) -> tuple[Array, Array]:
     """Lower and upper values of a quantity."""
-    if quantity not in _ROWS:
-        raise OptionError(f"{where} is unknown; choose from {', '.join(_ROWS)}")
-    rows = range(10)[_ROWS[quantity]]
+    if quantity not in _QUANTITY_ROWS:
+        raise OptionError(f"{where} is unknown; choose from {', '.join(_QUANTITY_ROWS)}")
+    rows = range(10)[_QUANTITY_ROWS[quantity]]
     pairs = [stated] if quantity == "mass" else stated
     wanted = "a pair [lo, hi]" if quantity == "mass" else f"{len(rows)} pairs [lo, hi]"
     alike = isinstance(pairs, list) and len(pairs) == len(rows)
     lists = alike and all(isinstance(pair, list) and len(pair) == 2 for pair in pairs)
-    if not lists or not all(type(x) in (int, float) and abs(x) < _HUGE for pair in pairs for x in pair):
+    if not lists or not all(type(x) in (int, float) and abs(x) < _MAX_BOUND for pair in pairs for x in pair):
         raise OptionError(f"{where} is {stated}; expected {wanted} of finite numbers")
     low, high = np.array(pairs, dtype=float).T
     if (low > high).any():
@@ -126,13 +126,13 @@ def _intervals(quantity: str, stated: Any, where: str) -> tuple[Array, Array]:
     return low, high
 
 
-def _box(body: Array) -> Array:
+def _body_box(body: Array) -> Array:
     """Smallest and largest parameters (2, 10) around a feasible body."""
     matrix = pseudo_inertia(body)
     mass, centre = body[0], body[1:4] / body[0]
     spread = np.linalg.eigvalsh(matrix[:3, :3] - mass * np.outer(centre, centre))[-1] / mass  # [m2]
-    near = max(_NEAR, 2 * spread**0.5)
-    masses = mass * np.array(_MASS)
+    near = max(_MAX_CENTRE_SHIFT, 2 * spread**0.5)
+    masses = mass * np.array(_MASS_RATIOS)
     corners = np.multiply.outer(masses, centre + np.multiply.outer([-1, 1], np.full(3, near))).reshape(4, 3)
     far = np.abs(centre) + near + 2 * spread**0.5
     second = masses[1] * np.outer(far, far)
@@ -162,8 +162,8 @@ class Physics(Frozen):
         """Sum of the squared violations by x (p,) [unit of each], and its gradient (p,)."""
         slope = np.zeros_like(x)
         inertials = x[self.bodies]
-        mass, d_mass = _short(inertials[:, 0] / self.mass - _MARGIN)
-        coefficient, d_coefficient = _short(x[self.positive] / self.size)
+        mass, d_mass = _squared_shortfall(inertials[:, 0] / self.mass - _MARGIN)
+        coefficient, d_coefficient = _squared_shortfall(x[self.positive] / self.size)
         moments, d_moments = self._moments(inertials)
         total, d_total = self._total(inertials[:, 0].sum())
         slope[self.bodies] += d_moments
@@ -176,7 +176,7 @@ class Physics(Frozen):
         inertials = x[self.bodies]
         mass, first = inertials[:, 0], inertials[:, 1:4]
         centre = first / np.maximum(mass, _MARGIN * self.mass)[:, None]
-        second = np.reshape(inertials @ _FLAT, (-1, 3, 3)) - first[:, :, None] * centre[:, None, :]
+        second = np.reshape(inertials @ _FLAT_MOMENTS, (-1, 3, 3)) - first[:, :, None] * centre[:, None, :]
         values = np.linalg.eigvalsh(second) / self.spread[:, None]
         principal = values.sum(1)[:, None] - values
         short = [mass / self.mass - _MARGIN, values.ravel() - _MARGIN, principal.ravel() - _MARGIN]
@@ -187,13 +187,13 @@ class Physics(Frozen):
         """Violation of the second moments about the centres of mass, and its gradient (nb, 10)."""
         mass = np.maximum(inertials[:, 0], _MARGIN * self.mass)
         centre = inertials[:, 1:4] / mass[:, None]
-        second = np.tensordot(inertials, _SECOND, 1) - mass[:, None, None] * centre[:, :, None] * centre[:, None, :]
+        second = np.tensordot(inertials, _MOMENTS, 1) - mass[:, None, None] * centre[:, :, None] * centre[:, None, :]
         values, axes = np.linalg.eigh(second)  # eigenvalues >= 0: the triangle inequality of the principal moments
-        triangle, d_triangle = _short(values / self.spread[:, None] - _MARGIN)
-        principal, d_principal = _short((values.sum(1)[:, None] - values) / self.spread[:, None] - _MARGIN)
+        triangle, d_triangle = _squared_shortfall(values / self.spread[:, None] - _MARGIN)
+        principal, d_principal = _squared_shortfall((values.sum(1)[:, None] - values) / self.spread[:, None] - _MARGIN)
         by_value = (d_triangle + d_principal.sum(1)[:, None] - d_principal) / self.spread[:, None]
         weight = np.einsum("bik,bk,bjk->bij", axes, by_value, axes)
-        slope = np.einsum("bij,kij->bk", weight, _SECOND)
+        slope = np.einsum("bij,kij->bk", weight, _MOMENTS)
         pull = np.einsum("bij,bj->bi", weight, centre)
         slope[:, 1:4] -= 2 * pull
         slope[:, 0] += np.where(inertials[:, 0] > _MARGIN * self.mass, np.einsum("bi,bi->b", pull, centre), 0.0)
@@ -231,7 +231,7 @@ def physics_of(
     )
 
 
-def _short(value: Array) -> tuple[Array, Array]:
+def _squared_shortfall(value: Array) -> tuple[Array, Array]:
     """Square of the negative part, and its derivative."""
     missing = np.minimum(value, 0.0)
     return missing**2, 2 * missing
@@ -277,7 +277,7 @@ class PenaltyCost(Frozen):
                 slope += weight * width * self.physics.violation(self.standard(z))[1][self.free]
             return np.asarray(slope)
 
-        return Problem(cost, np.zeros(len(z)), np.ones(len(z)), z, gradient, SEARCH)
+        return Problem(cost, np.zeros(len(z)), np.ones(len(z)), z, gradient, PBRP_NAME)
 
 
 def cost_over(box: Bounds, physics: Physics, matrix: Array, target: Array, rest: float = 0.0) -> PenaltyCost:
@@ -308,7 +308,7 @@ def _minimise(problem: Problem, algorithm: str, budget: int, seed: int) -> Optim
     search = OPTIMISERS["nlopt"].minimise
     found = search(problem, algorithm=algorithm, budget_evaluations=budget, seed=seed)
     left, size, slope = budget - found.evaluations, found.value, problem.gradient
-    if left < 1 or slope is None or not _LARGE < size < np.inf:
+    if left < 1 or slope is None or not _MAX_COST < size < np.inf:
         return found
     eased = replace(
         problem, objective=lambda z: problem.objective(z) / size, start=found.x, gradient=lambda z: slope(z) / size

@@ -12,13 +12,13 @@ from ...errors import OptionError
 from ...optimisers import OPTIMISERS, Optimum
 from ...types import BaseMap, Estimate, Frozen, Label, Parameters
 from ..feasible.fit import information_root
-from .cost import SEARCH, Bounds, PenaltyCost, Physics, bounds_around, check_box, cost_over, descend, physics_of
+from .cost import PBRP_NAME, Bounds, PenaltyCost, Physics, bounds_around, check_box, cost_over, descend, physics_of
 
-_SHARPEST = 1e4  # [standard deviations per width of the box] largest sharpness that the search resolves
-_SETTLED = 1e-2  # [squared standard deviations] predicted gain over the whole box at which a run has converged
-_MORE = 6  # largest number of additional rounds, while the result is infeasible or has not converged
-_BUDGET = 2_000  # evaluations of a local algorithm
-_BUDGETS = {"LN_SBPLX": 10_000, "LN_NELDERMEAD": 10_000}  # the same for algorithms that take many small steps
+_MAX_BOX_SHARPNESS = 1e4  # [standard deviations per width of the box] largest sharpness that the search resolves
+_MAX_BOX_GAIN = 1e-2  # [squared standard deviations] predicted gain over the whole box at which a run has converged
+_EXTRA_ROUNDS = 6  # largest number of additional rounds, while the result is infeasible or has not converged
+_LOCAL_BUDGET = 2_000  # evaluations of a local algorithm
+_LOCAL_BUDGETS = {"LN_SBPLX": 10_000, "LN_NELDERMEAD": 10_000}  # the same for algorithms that take many small steps
 
 
 @dataclass(frozen=True)
@@ -84,8 +84,8 @@ def retrieve(
         raise OptionError(f"runs is {runs} and rounds is {rounds}; give at least 1 of each")
     box = bounds_around(base, estimate, prior) if bounds is None else bounds
     cost = cost_of(base, estimate, box, physics_of(base, estimate, prior, total_mass))
-    budget_local = budget_local or _BUDGETS.get(local_algorithm, _BUDGET)
-    rng, found = np.random.default_rng(seed), list[_Found]()
+    budget_local = budget_local or _LOCAL_BUDGETS.get(local_algorithm, _LOCAL_BUDGET)
+    rng, found = np.random.default_rng(seed), list[_SearchResult]()
     for name in (global_algorithm, local_algorithm):
         OPTIMISERS["nlopt"].chosen(cost.problem(np.zeros(len(cost.free)), 0.0), name)
     weights = (schedule * np.arange(rounds)).tolist()
@@ -94,21 +94,21 @@ def retrieve(
         first = descend(cost, rng.uniform(size=len(cost.free)), [0.0], global_algorithm, budget_global, seed + k)
         show_step("searching standard parameters", (k + 1 / 3) / runs)
         ends = [first, descend(cost, first.x, weights, local_algorithm, budget_local, seed + k)]
-        run = _evaluated(base, estimate, cost, weights[-1], ends)
-        while not (run.feasible and run.converged) and len(ends) < 2 + _MORE and not time_is_up(SEARCH):
+        run = _judge_run(base, estimate, cost, weights[-1], ends)
+        while not (run.feasible and run.converged) and len(ends) < 2 + _EXTRA_ROUNDS and not time_is_up(PBRP_NAME):
             weight = run.weight if run.feasible else 10 * max(run.weight, schedule)
             ends.append(descend(cost, ends[-1].x, [weight], local_algorithm, budget_local, seed + k))
-            run = _evaluated(base, estimate, cost, weight, ends)
-        found.append(_Found(run, ends))
-        if time_is_up(SEARCH):
+            run = _judge_run(base, estimate, cost, weight, ends)
+        found.append(_SearchResult(run, ends))
+        if time_is_up(PBRP_NAME):
             break
     best = min(found, key=lambda f: (not f.run.feasible, f.run.cost))
     parameters = Parameters(base.labels, cost.standard(best.ends[-1].x))
-    table, notes = tuple(f.run for f in found), _notes(best, cost, base.labels)
+    table, notes = tuple(f.run for f in found), _search_notes(best, cost, base.labels)
     return Retrieval(parameters, best.run, table, global_algorithm, local_algorithm, seed, notes)
 
 
-class _Found(NamedTuple):
+class _SearchResult(NamedTuple):
     run: SearchRun
     ends: list[Optimum]  # of the global algorithm, of the regular rounds, of each additional round
 
@@ -118,12 +118,12 @@ def cost_of(base: BaseMap, estimate: Estimate, box: Bounds, physics: Physics) ->
     check_box(box, base)
     root, width = information_root(estimate.information), box.upper - box.lower
     left, sharpness, right = np.linalg.svd(root @ base.combination * width, full_matrices=False)
-    eased = np.minimum(1.0, _SHARPEST / np.maximum(sharpness, 1e-300))
+    eased = np.minimum(1.0, _MAX_BOX_SHARPNESS / np.maximum(sharpness, 1e-300))
     rotated = (eased[:, None] * left.T) @ root
     return cost_over(box, physics, rotated @ base.combination, rotated @ estimate.value)
 
 
-def _evaluated(base: BaseMap, estimate: Estimate, cost: PenaltyCost, weight: float, ends: list[Optimum]) -> SearchRun:
+def _judge_run(base: BaseMap, estimate: Estimate, cost: PenaltyCost, weight: float, ends: list[Optimum]) -> SearchRun:
     """Result of a run, with feasibility and convergence tested independently of NLopt's status."""
     z = ends[-1].x
     x, last = cost.standard(z), cost.problem(z, weight)
@@ -136,12 +136,12 @@ def _evaluated(base: BaseMap, estimate: Estimate, cost: PenaltyCost, weight: flo
         violation=cost.physics.excess(x),
         feasible=Parameters(base.labels, x).is_feasible(),
         weight=weight,
-        converged=in_sight <= _SETTLED + 1e-6 * value,
+        converged=in_sight <= _MAX_BOX_GAIN + 1e-6 * value,
         evaluations=sum(end.evaluations for end in ends),
     )
 
 
-def _notes(found: _Found, cost: PenaltyCost, labels: tuple[Label, ...]) -> tuple[str, ...]:
+def _search_notes(found: _SearchResult, cost: PenaltyCost, labels: tuple[Label, ...]) -> tuple[str, ...]:
     run, ends = found
     at_edge = (ends[-1].x == 1.0) | ((ends[-1].x == 0.0) & ~np.isin(cost.free, cost.physics.positive))
     edge = [labels[i].name for i in cost.free[at_edge]]

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from ...effects.base import TransmissionLaw
-from ...effects.joint_elasticity import RELAXATION
+from ...effects.joint_elasticity import RELAXATION_TIME
 from ...errors import RobotError
 from ...model import Model
 from ...robot import configuration
@@ -297,7 +297,7 @@ def _gear(model: Model, joint: str) -> dict[str, str]:
             name = {"name": f"{joint}_gear"}
             if law.effect.name == "joint_elasticity":
                 k = float(law.parameters["stiffness"])
-                return {**name, "stiffness": repr(k), "damping": repr(RELAXATION * k)}
+                return {**name, "stiffness": repr(k), "damping": repr(RELAXATION_TIME * k)}
             half = law.parameters["gap"] / 2
             return {**name, "range": words([-half, half]), "solreflimit": "0.0005 1", "solimplimit": _STOP_IMPEDANCE}
     return {}

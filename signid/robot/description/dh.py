@@ -60,29 +60,29 @@ def urdf_from_dh(name: str, links: Sequence[DHLink]) -> str:
     if not links:
         raise RobotError("the table of Denavit-Hartenberg parameters has no row; give at least one link")
     lines = ['<?xml version="1.0" encoding="utf-8"?>', f"<robot name={quoteattr(name)}>", '  <link name="base_link"/>']
-    origin, parent = _origin((0.0, 0.0, 0.0), 0.0, 0.0), "base_link"
+    origin, parent = _dh_origin((0.0, 0.0, 0.0), 0.0, 0.0), "base_link"
     for i, link in enumerate(links, 1):
-        _check(link, i)
+        _check_link(link, i)
         limits = {"lower": link.lower, "upper": link.upper, "velocity": link.velocity, "effort": link.effort}
         stated = " ".join(f'{key}="{_text(value)}"' for key, value in limits.items() if isfinite(value))
         kind, more = "prismatic" if link.prismatic else "revolute", ('<axis xyz="0 0 1"/>', f"<limit {stated}/>")
-        lines += [*_joint(f"joint_{i}", kind, parent, f"link_{i}", origin, *more), *_link(i, link)]
-        origin, parent = _origin(_translation(link), link.alpha, link.theta), f"link_{i}"
-    tool = _joint("tool_joint", "fixed", parent, "tool", origin)
+        lines += [*_dh_joint(f"joint_{i}", kind, parent, f"link_{i}", origin, *more), *_dh_link(i, link)]
+        origin, parent = _dh_origin(_translation(link), link.alpha, link.theta), f"link_{i}"
+    tool = _dh_joint("tool_joint", "fixed", parent, "tool", origin)
     return "\n".join([*lines, *tool, '  <link name="tool"/>', "</robot>", ""])
 
 
-def _joint(name: str, kind: str, parent: str, child: str, origin: str, *more: str) -> list[str]:
+def _dh_joint(name: str, kind: str, parent: str, child: str, origin: str, *more: str) -> list[str]:
     inside = [origin, f'<parent link="{parent}"/>', f'<child link="{child}"/>', *more]
     return [f'  <joint name="{name}" type="{kind}">', *(f"    {element}" for element in inside), "  </joint>"]
 
 
-def _link(i: int, link: DHLink) -> list[str]:
+def _dh_link(i: int, link: DHLink) -> list[str]:
     """Link with inertial and box in the axes of the DH frame."""
     (ct, st), (ca, sa) = (cos(link.theta), sin(link.theta)), (cos(link.alpha), sin(link.alpha))
     rotation = np.array([[ct, -st * ca, st * sa], [st, ct * ca, -ct * sa], [0.0, sa, ca]])  # Rot_z(theta) Rot_x(alpha)
     centre = tuple(np.add(_translation(link), rotation @ np.asarray(link.centre, float)))
-    origin = _origin(centre, link.alpha, link.theta)
+    origin = _dh_origin(centre, link.alpha, link.theta)
     inertia = np.asarray(link.inertia, float)
     if inertia.ndim == 1:  # principal moments, or six in Pinocchio's order
         inertia = np.diag(inertia) if len(inertia) == 3 else inertia[[[0, 1, 3], [1, 2, 4], [3, 4, 5]]]
@@ -101,7 +101,7 @@ def _translation(link: DHLink) -> tuple[float, float, float]:
     return link.a * cos(link.theta), link.a * sin(link.theta), link.d
 
 
-def _origin(xyz: Sequence[float], alpha: float, theta: float) -> str:
+def _dh_origin(xyz: Sequence[float], alpha: float, theta: float) -> str:
     """Origin element; roll and yaw of the URDF equal alpha and theta."""
     position = " ".join(_text(round(x, _DIGITS)) for x in xyz)
     return f'<origin xyz="{position}" rpy="{_text(alpha)} 0 {_text(theta)}"/>'
@@ -112,7 +112,7 @@ def _text(value: float) -> str:
     return repr(float(value) + 0.0).removesuffix(".0")
 
 
-def _check(link: DHLink, i: int) -> None:
+def _check_link(link: DHLink, i: int) -> None:
     numbers = [link.alpha, link.a, link.d, link.theta, link.mass]
     shapes = [np.shape(link.centre) == (3,), link.box is None or np.shape(link.box) == (3,)]
     inertia = np.asarray(link.inertia, float)

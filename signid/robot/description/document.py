@@ -24,9 +24,9 @@ from . import sandbox
 if TYPE_CHECKING:
     import pinocchio as pin
 
-_DECLARATION = re.compile(r"\s*<\?xml\s[^>]*\?>")
-_ROUNDING = 1e-6  # tolerance of the triangle inequality for rounded numbers [share of the largest moment]
-IMPOSSIBLE = {  # condition -> text for one link and for several that violate it
+_XML_DECLARATION = re.compile(r"\s*<\?xml\s[^>]*\?>")
+_TRIANGLE_TOLERANCE = 1e-6  # tolerance of the triangle inequality for rounded numbers [share of the largest moment]
+CONDITION_TEXTS = {  # condition -> text for one link and for several that violate it
     "mass": ("has an inertia without a positive mass", "have an inertia without a positive mass"),
     "positive": ("has an inertia that is not positive definite", "have inertias that are not positive definite"),
     "triangle": (
@@ -40,13 +40,13 @@ _ADVICE = {
     "mujocoinclude": "the file is a part of an MJCF file; give the file that includes it",
     "COLLADA": "the file is a mesh; give the URDF, xacro or MJCF file that uses it",
 }
-LARGEST = 1e9  # magnitude of a mass, length, inertia, multiplier or friction [SI units]
-SMALLEST = 1e-100  # numbers below count as 0; products of smaller ones underflow
-MOST_LINKS = 1000
-MOST_JOINTS = 120  # moving joints of a file; base parameters of 120 joints need 20 s
-MOST_BYTES = 100_000_000  # of a file
+MAX_MAGNITUDE = 1e9  # magnitude of a mass, length, inertia, multiplier or friction [SI units]
+MIN_MAGNITUDE = 1e-100  # numbers below count as 0; products of smaller ones underflow
+MAX_LINKS = 1000
+MAX_MOVING_JOINTS = 120  # moving joints of a file; base parameters of 120 joints need 20 s
+MAX_FILE_BYTES = 100_000_000  # of a file
 UNIVERSE = "universe"  # name of the fixed joint and frame of every model of Pinocchio
-RESERVED = {"joint": (UNIVERSE,), "body": (UNIVERSE,), "link": ()}
+RESERVED_NAMES = {"joint": (UNIVERSE,), "body": (UNIVERSE,), "link": ()}
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ def read_document(
     tags = [element.tag for element in root.iter() if isinstance(element.tag, str) and element.tag[0] == "{"]
     if path.suffix == ".xacro" or any("xacro" in tag.partition("}")[0] for tag in tags):
         macros = [str(element.get("name")) for element in root.iter() if str(element.tag).endswith("}macro")]
-        text = _expand(path, package_dirs, arguments or {})
+        text = _expand_xacro(path, package_dirs, arguments or {})
         root = parse(text)
         if macros and root.find("link") is None:
             advice = "give the file that includes it and uses them"
@@ -165,7 +165,7 @@ def parse(text: str) -> Any:
 
 def without_declaration(text: str) -> str:
     """Text with blanks in place of <?xml ...?>, whose version or encoding is wrong in many files."""
-    declared = _DECLARATION.match(text)
+    declared = _XML_DECLARATION.match(text)
     return re.sub(r"\S", " ", declared.group()) + text[declared.end() :] if declared else text
 
 
@@ -187,12 +187,12 @@ def _parser(recover: bool = False) -> Any:
     return etree.XMLParser(encoding="utf-8", resolve_entities=False, no_network=True, load_dtd=False, recover=recover)
 
 
-def _expand(path: Path, package_dirs: Sequence[str | Path], arguments: Mapping[str, str]) -> str:
+def _expand_xacro(path: Path, package_dirs: Sequence[str | Path], arguments: Mapping[str, str]) -> str:
     """Expand a xacro file; packages are searched above the file and in `package_dirs`."""
     with tempfile.TemporaryDirectory() as scratch:
-        Path(scratch, sandbox.ARGUMENTS).write_text(json.dumps(dict(arguments)), encoding="utf-8")
+        Path(scratch, sandbox.ARGUMENTS_FILE).write_text(json.dumps(dict(arguments)), encoding="utf-8")
         given = [str(path.absolute()), *(str(Path(folder).absolute()) for folder in package_dirs)]
-        late = f"xacro cannot expand it in {sandbox.SECONDS} s; check for endless macros"
+        late = f"xacro cannot expand it in {sandbox.MAX_SECONDS} s; check for endless macros"
         return restricted(scratch, given, path.absolute().parent, "xacro cannot expand it", late)
 
 
@@ -212,13 +212,13 @@ def restricted(scratch: str, given: Sequence[str], folder: str | Path, fault: st
     command = [sys.executable, "-P", "-X", "utf8", str(Path(sandbox.__file__).absolute()), scratch, *given]
     there = {**os.environ, "TMPDIR": scratch, "OPENBLAS_NUM_THREADS": "1", "MUJOCO_GL": "disable"}
     try:
-        done = subprocess.run(command, cwd=folder, env=there, capture_output=True, timeout=sandbox.SECONDS)
+        done = subprocess.run(command, cwd=folder, env=there, capture_output=True, timeout=sandbox.MAX_SECONDS)
     except subprocess.TimeoutExpired:
         raise RobotError(late) from None
     if done.returncode:
         lines = done.stderr.decode("utf-8", "replace").split("\n")  # the reason is the last one, after warnings
         reason = one_line(lines[-1])
-        if reason and done.returncode == sandbox.SENTENCE:
+        if reason and done.returncode == sandbox.SENTENCE_CODE:
             raise RobotError(reason)
         raise RobotError(f"{fault}: {reason or 'it needs too much time or memory'}")
     return done.stdout.decode("utf-8")
@@ -236,8 +236,8 @@ def impossible_notes(stated: Mapping[str, tuple[float, ArrayLike]]) -> tuple[str
     `stated` maps links to their mass [kg] and inertia about the centre of mass, (3, 3) [kg.m2].
     """
     faults = {name: inertial_fault(*inertial) for name, inertial in stated.items()}
-    links = {kind: [name for name, fault in faults.items() if fault == kind] for kind in IMPOSSIBLE}
-    return tuple(note for kind, texts in IMPOSSIBLE.items() for note in _sentence(links[kind], *texts))
+    links = {kind: [name for name, fault in faults.items() if fault == kind] for kind in CONDITION_TEXTS}
+    return tuple(note for kind, texts in CONDITION_TEXTS.items() for note in _sentence(links[kind], *texts))
 
 
 def inertial_fault(mass: float, inertia: ArrayLike) -> str:
@@ -249,7 +249,7 @@ def inertial_fault(mass: float, inertia: ArrayLike) -> str:
         return "mass" if np.abs(principal).max() > 0 else ""
     if principal[0] <= 0:
         return "positive"
-    return "triangle" if principal[2] * (1 - _ROUNDING) > principal[0] + principal[1] else ""
+    return "triangle" if principal[2] * (1 - _TRIANGLE_TOLERANCE) > principal[0] + principal[1] else ""
 
 
 def _sentence(links: list[str], singular: str, plural: str) -> tuple[str, ...]:
@@ -266,9 +266,9 @@ def bounded(value: float, stated: str) -> float:
     """
     if not isfinite(value):
         raise RobotError(f"{stated}; expected a finite number")
-    if abs(value) > LARGEST:
-        raise RobotError(f"{stated}; expected a number up to {LARGEST:.0e}, in SI units")
-    return 0.0 if abs(value) < SMALLEST else value
+    if abs(value) > MAX_MAGNITUDE:
+        raise RobotError(f"{stated}; expected a number up to {MAX_MAGNITUDE:.0e}, in SI units")
+    return 0.0 if abs(value) < MIN_MAGNITUDE else value
 
 
 def not_negative(value: float, stated: str) -> float:
@@ -288,11 +288,11 @@ def check_count(links: int, joints: int, noun: str = "links") -> None:
     Raises:
         RobotError: there are more than can be processed in reasonable time.
     """
-    if links > MOST_LINKS:
-        raise RobotError(f"the file has more than {MOST_LINKS} {noun}; give the description of one robot")
-    if joints > MOST_JOINTS:
+    if links > MAX_LINKS:
+        raise RobotError(f"the file has more than {MAX_LINKS} {noun}; give the description of one robot")
+    if joints > MAX_MOVING_JOINTS:
         advice = "give the description of one robot, or declare some of its joints fixed"
-        raise RobotError(f"the file has {joints} moving joints, more than {MOST_JOINTS}; {advice}")
+        raise RobotError(f"the file has {joints} moving joints, more than {MAX_MOVING_JOINTS}; {advice}")
 
 
 def check_names(**names: Iterable[str | None]) -> None:
@@ -306,7 +306,7 @@ def check_names(**names: Iterable[str | None]) -> None:
             if CONTROL.search(name or ""):
                 shown = f"a {what} is named {one_line(name or '')!r}, with a line end or another control character"
                 raise RobotError(f"{shown}; give it a name of one line")
-            if name in RESERVED[what]:
+            if name in RESERVED_NAMES[what]:
                 raise RobotError(f"a {what} is named {name!r}, which Pinocchio uses itself; give it another name")
 
 
@@ -319,6 +319,6 @@ def read_bytes(path: Path) -> bytes:
     """
     if path.exists() and not path.is_file():
         raise RobotError("it is no regular file; give a URDF, xacro or MJCF file")
-    if path.exists() and path.stat().st_size > MOST_BYTES:
-        raise RobotError(f"it has more than {MOST_BYTES / 1e6:.0f} MB; give the description of one robot")
+    if path.exists() and path.stat().st_size > MAX_FILE_BYTES:
+        raise RobotError(f"it has more than {MAX_FILE_BYTES / 1e6:.0f} MB; give the description of one robot")
     return path.read_bytes()

@@ -28,14 +28,14 @@ from .document import (
     massless_note,
     restricted,
 )
-from .mjcf_tree import NEGLIGIBLE, Source, included, prepare
+from .mjcf_tree import MIN_INERTIAL, Source, included, prepare_tree
 
 if TYPE_CHECKING:
     import pinocchio as pin
 
-_MOVING = ("hinge", "slide")
-_NUMBERS = ("ref", "damping", "frictionloss", "armature", "stiffness", "springref")  # of a joint in an MJCF
-_LINE = re.compile(r",? line -?\d+")  # of the text that MuJoCo reads, which is not that of the file
+_MOVING_KINDS = ("hinge", "slide")
+_JOINT_NUMBERS = ("ref", "damping", "frictionloss", "armature", "stiffness", "springref")  # of a joint in an MJCF
+_LINE_NUMBER = re.compile(r",? line -?\d+")  # of the text that MuJoCo reads, which is not that of the file
 
 
 class _Body(NamedTuple):
@@ -90,17 +90,17 @@ def read_mjcf(document: Document) -> Draft:
     """
     root, folder = deepcopy(document.root), Path(document.path).parent
     text = included(root, folder, document.text)
-    source = prepare(root, folder if document.path else None)
-    found = _compiled(source)
-    moving = [joint for joint in found.joints if joint.kind in _MOVING]
+    source = prepare_tree(root, folder if document.path else None)
+    found = _compile_mjcf(source)
+    moving = [joint for joint in found.joints if joint.kind in _MOVING_KINDS]
     check_count(len(found.bodies), len(moving), "bodies")
     check_names(joint=[joint.name for joint in found.joints], body=[body.name for body in found.bodies])
     if not moving:
         raise RobotError("the file has no moving joint (hinge or slide): nothing to identify")
-    found, unnamed = _named(found)
+    found, unnamed = _name_all(found)
     model, links, rows = _build(found)
     mimics, curved = _mimics(found)
-    axes = [_axis(joint, rows[i], mimics.get(joint.name)) for i, joint in enumerate(found.joints) if i in rows]
+    axes = [_mjcf_axis(joint, rows[i], mimics.get(joint.name)) for i, joint in enumerate(found.joints) if i in rows]
     name = root.get("model") or document.stem
     moved = dict(zip(links, list(model.inertias)[1:], strict=True))
     return Draft(
@@ -108,12 +108,12 @@ def read_mjcf(document: Document) -> Draft:
         model=model,
         axes=tuple(axes),
         links=links,
-        document=_text(name, found, root) if source.files else text,
+        document=_mjcf_text(name, found, root) if source.files else text,
         kind="mjcf",
         notes=(
             *unnamed,
             *source.notes,
-            *_notes(found, curved + source.ignored),
+            *_mjcf_notes(found, curved + source.ignored),
             *massless_note({name: body.mass for name, body in moved.items()}),
             *impossible_notes({name: (body.mass, body.inertia) for name, body in moved.items()}),
         ),
@@ -121,16 +121,16 @@ def read_mjcf(document: Document) -> Draft:
     )
 
 
-def _compiled(source: Source) -> _Compiled:
+def _compile_mjcf(source: Source) -> _Compiled:
     """Compile with MuJoCo, in a process of its own.
 
     Raises:
         RobotError: MuJoCo rejects the file, or a number is not finite or too large.
     """
-    content = json.loads(_run_cached(source.text) if not source.files else _run(source.text, source.files))
+    content = json.loads(_run_cached(source.text) if not source.files else _run_compiler(source.text, source.files))
     _check_finite(content)
     for body in content["bodies"]:
-        body["mass"], *body["inertia"] = (0.0 if x <= NEGLIGIBLE else x for x in (body["mass"], *body["inertia"]))
+        body["mass"], *body["inertia"] = (0.0 if x <= MIN_INERTIAL else x for x in (body["mass"], *body["inertia"]))
     return _Compiled(
         tuple(_Body(**body) for body in content["bodies"]),
         tuple(_Joint(**joint) for joint in content["joints"]),
@@ -140,20 +140,20 @@ def _compiled(source: Source) -> _Compiled:
     )
 
 
-def _run(text: str, files: Mapping[str, bytes]) -> str:
+def _run_compiler(text: str, files: Mapping[str, bytes]) -> str:
     with tempfile.TemporaryDirectory() as scratch:
-        for name, data in {**files, sandbox.COMPILED: text.encode()}.items():
+        for name, data in {**files, sandbox.MODEL_FILE: text.encode()}.items():
             Path(scratch, name).write_bytes(data)
-        late = f"MuJoCo cannot compile it in {sandbox.SECONDS} s; give fewer or smaller meshes"
+        late = f"MuJoCo cannot compile it in {sandbox.MAX_SECONDS} s; give fewer or smaller meshes"
         try:
             return restricted(scratch, [""], scratch, "MuJoCo cannot compile it", late).split("\n")[-1]
         except RobotError as error:
-            raise RobotError(_LINE.sub("", str(error))) from None
+            raise RobotError(_LINE_NUMBER.sub("", str(error))) from None
 
 
 @lru_cache(maxsize=64)
 def _run_cached(text: str) -> str:
-    return _run(text, {})
+    return _run_compiler(text, {})
 
 
 def _check_finite(content: Mapping[str, Any]) -> None:
@@ -170,7 +170,7 @@ def _check_finite(content: Mapping[str, Any]) -> None:
     _ = [bounded(number, f"gravity is {content['gravity']}") for number in content["gravity"]]
 
 
-def _named(found: _Compiled) -> tuple[_Compiled, list[str]]:
+def _name_all(found: _Compiled) -> tuple[_Compiled, list[str]]:
     """Name all unnamed bodies and joints, and say so of joints."""
     used = {*(body.name for body in found.bodies), *(joint.name for joint in found.joints)}
 
@@ -199,8 +199,8 @@ def _build(found: _Compiled) -> tuple[pin.Model, tuple[str, ...], dict[int, int]
     place, links, rows = [(0, pin.SE3.Identity())], list[str](), dict[int, int]()
     for number, body in enumerate(found.bodies, 1):
         parent, above = place[body.parent]
-        pose = above * _pose(body.pos, body.quat)
-        own = [i for i, joint in enumerate(found.joints) if joint.body == number and joint.kind in _MOVING]
+        pose = above * _se3(body.pos, body.quat)
+        own = [i for i, joint in enumerate(found.joints) if joint.body == number and joint.kind in _MOVING_KINDS]
         if own:
             axes = [found.joints[i] for i in own]
             name = axes[0].name if len(axes) == 1 else f"Composite_{axes[0].name}"
@@ -209,7 +209,7 @@ def _build(found: _Compiled) -> tuple[pin.Model, tuple[str, ...], dict[int, int]
             pose = _offset(axes[-1].pos).inverse()
             links.append(body.name)
             rows |= {i: model.joints[parent].idx_v + k for k, i in enumerate(own)}
-        rotation = _pose(body.ipos, body.iquat).rotation
+        rotation = _se3(body.ipos, body.iquat).rotation
         inertia = pin.Inertia(body.mass, np.array(body.ipos), rotation @ np.diag(body.inertia) @ rotation.T)
         model.appendBodyToJoint(parent, inertia, pose)
         model.addBodyFrame(body.name, parent, pose, -1)
@@ -223,7 +223,7 @@ def _joint_model(axes: Sequence[_Joint], pose: pin.SE3) -> tuple[Any, pin.SE3]:
 
     whole, before = pin.JointModelComposite(), pose
     for joint in axes:
-        before = before * _offset(joint.pos) * _moved(joint, -joint.ref)
+        before = before * _offset(joint.pos) * _joint_motion(joint, -joint.ref)
         kind = "Revolute" if joint.kind == "hinge" else "Prismatic"
         letter = next((x for x, unit in zip("XYZ", np.eye(3), strict=True) if np.array_equal(unit, joint.axis)), "")
         unaligned = () if letter else (np.array(joint.axis),)
@@ -235,7 +235,7 @@ def _joint_model(axes: Sequence[_Joint], pose: pin.SE3) -> tuple[Any, pin.SE3]:
     return whole, pin.SE3.Identity()
 
 
-def _moved(joint: _Joint, position: float) -> pin.SE3:
+def _joint_motion(joint: _Joint, position: float) -> pin.SE3:
     """Motion of a joint by a position [rad or m]."""
     import pinocchio as pin
 
@@ -244,10 +244,10 @@ def _moved(joint: _Joint, position: float) -> pin.SE3:
 
 
 def _offset(position: Sequence[float]) -> pin.SE3:
-    return _pose(position, (1.0, 0.0, 0.0, 0.0))
+    return _se3(position, (1.0, 0.0, 0.0, 0.0))
 
 
-def _pose(position: Sequence[float], quaternion: Sequence[float]) -> pin.SE3:
+def _se3(position: Sequence[float], quaternion: Sequence[float]) -> pin.SE3:
     """Pose of a position [m] and a quaternion w x y z."""
     import pinocchio as pin
 
@@ -255,7 +255,7 @@ def _pose(position: Sequence[float], quaternion: Sequence[float]) -> pin.SE3:
     return pin.SE3(pin.Quaternion(w, x, y, z).normalized().matrix(), np.array(position))
 
 
-def _axis(joint: _Joint, row: int, mimic: Mimic | None) -> Axis:
+def _mjcf_axis(joint: _Joint, row: int, mimic: Mimic | None) -> Axis:
     lower, upper = joint.range if joint.limited else (-inf, inf)
     return Axis(
         name=joint.name,
@@ -283,7 +283,7 @@ def _mimics(found: _Compiled) -> tuple[dict[str, Mimic], int]:
     return linear, len(found.ties) - sum(other >= 0 and not any(p[2:]) for _, other, p in found.ties)
 
 
-def _notes(found: _Compiled, constraints: int) -> Iterator[str]:
+def _mjcf_notes(found: _Compiled, constraints: int) -> Iterator[str]:
     """Notes on what the file states and the model does not contain."""
     for joint in found.joints:
         if joint.kind == "free":
@@ -297,13 +297,13 @@ def _notes(found: _Compiled, constraints: int) -> Iterator[str]:
         yield f"gravcomp of {shorten(carried)} is ignored: torque here includes the weight that MuJoCo compensates"
     if curved := [joint.name for joint in found.joints if joint.nonlinear]:
         yield f"stiffness and damping of higher order are ignored: {shorten(curved)}"
-    if sprung := [joint.name for joint in found.joints if joint.stiffness and joint.kind in _MOVING]:
+    if sprung := [joint.name for joint in found.joints if joint.stiffness and joint.kind in _MOVING_KINDS]:
         yield f"joint springs are laws of the simulation: {shorten(sprung)}"
     if found.medium:
         yield "forces of the medium (density, viscosity, wind) are ignored"
 
 
-def _text(name: str, found: _Compiled, source: Any) -> str:
+def _mjcf_text(name: str, found: _Compiled, source: Any) -> str:
     """MJCF of the compiled bodies and joints, with the time step of its source, which needs no other file."""
     from lxml import etree
 
@@ -321,9 +321,9 @@ def _text(name: str, found: _Compiled, source: Any) -> str:
             etree.SubElement(node, "inertial", {key: _words(value) for key, value in inertial.items()})
     for joint in found.joints:
         stated = {"name": joint.name, "type": joint.kind}
-        if joint.kind in _MOVING:
+        if joint.kind in _MOVING_KINDS:
             stated |= {key: _words(getattr(joint, key)) for key in ("pos", "axis", "range")}
-            stated |= {key: repr(getattr(joint, key)) for key in _NUMBERS}
+            stated |= {key: repr(getattr(joint, key)) for key in _JOINT_NUMBERS}
             stated["limited"] = str(joint.limited).lower()
             effort = {} if joint.effort is None else {"actuatorfrcrange": f"{-joint.effort!r} {joint.effort!r}"}
             stated |= effort

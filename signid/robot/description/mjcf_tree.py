@@ -9,27 +9,27 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import RobotError, shorten
-from .document import MOST_BYTES, bounded, check_count, not_negative, parse, read_bytes
+from .document import MAX_FILE_BYTES, bounded, check_count, not_negative, parse, read_bytes
 from .sandbox import may_read
 
-_SETTINGS = (
+_COMPILER_KEYS = (
     "angle autolimits balanceinertia boundinertia boundmass eulerseq inertiafromgeom inertiagrouprange settotalmass"
 ).split()  # attributes of <compiler> that shape the dynamics
-_MEDIUM = ("gravity", "density", "viscosity", "wind")  # attributes of <option> that do
-_PLACES = ("body", "frame", "replicate", "attach")  # elements that create or place bodies
-_KEPT = (*_PLACES, "joint", "freejoint", "inertial", "geom")
-_CLASSES = ("default", "joint", "geom", "mesh", "equality")  # elements of a <default> that are kept
-_LOOKS = ("material", "hfield")  # attributes of geometry that refer to removed assets
-_SOFT = ("composite", "flexcomp")  # elements that create deformable bodies
-_NUMBERS = (
+_MEDIUM_KEYS = ("gravity", "density", "viscosity", "wind")  # attributes of <option> that do
+_PLACE_TAGS = ("body", "frame", "replicate", "attach")  # elements that create or place bodies
+_KEPT_TAGS = (*_PLACE_TAGS, "joint", "freejoint", "inertial", "geom")
+_DEFAULT_TAGS = ("default", "joint", "geom", "mesh", "equality")  # elements of a <default> that are kept
+_ASSET_KEYS = ("material", "hfield")  # attributes of geometry that refer to removed assets
+_DEFORMABLE_TAGS = ("composite", "flexcomp")  # elements that create deformable bodies
+_NUMBER_KEYS = (
     "pos quat axisangle xyaxes zaxis euler axis ref springref stiffness damping frictionloss armature margin "
     "mass density diaginertia fullinertia size fromto"
 ).split()  # attributes of bodies, joints, inertials and geometry
-_FRICTION = ("damping", "frictionloss", "armature")
+_FRICTION_KEYS = ("damping", "frictionloss", "armature")
 _DEPTH = 20  # maximum depth of nested files
-_FILES = 500  # maximum number of included and attached files
-_ELEMENTS = 100_000  # maximum number of elements of the world, with those that are replicated
-NEGLIGIBLE = 2e-15  # [kg, kg.m2] what MuJoCo gets in place of zero mass and inertia, which it rejects
+_MAX_FILES = 500  # maximum number of included and attached files
+_MAX_ELEMENTS = 100_000  # maximum number of elements of the world, with those that are replicated
+MIN_INERTIAL = 2e-15  # [kg, kg.m2] what MuJoCo gets in place of zero mass and inertia, which it rejects
 
 
 @dataclass
@@ -56,7 +56,7 @@ def included(root: Any, folder: Path, text: str) -> str:
     return text
 
 
-def prepare(root: Any, folder: Path | None) -> Source:
+def prepare_tree(root: Any, folder: Path | None) -> Source:
     """Write an MJCF tree without includes for the compiler; it is changed.
 
     Meshes and attached models are read below `folder`, the place of the file; None if it has none.
@@ -65,10 +65,10 @@ def prepare(root: Any, folder: Path | None) -> Source:
         RobotError: too many or too large elements, or elements that are not read.
     """
     source = Source()
-    text, counts = _part(root, folder, source, 0)
+    text, counts = _dynamic_part(root, folder, source, 0)
     check_count(counts["body"], counts["joint"], "bodies")
-    if sum(counts.values()) > _ELEMENTS:
-        raise RobotError(f"the world has more than {_ELEMENTS} elements; give the description of one robot")
+    if sum(counts.values()) > _MAX_ELEMENTS:
+        raise RobotError(f"the world has more than {_MAX_ELEMENTS} elements; give the description of one robot")
     source.text = text
     return source
 
@@ -76,7 +76,7 @@ def prepare(root: Any, folder: Path | None) -> Source:
 def _include(element: Any, folder: Path, source: Source, depth: int) -> None:
     """Replace each <include> by the content of its file."""
     for node in list(element.iter("include")):
-        part = _read(node, folder, source, depth, "included")
+        part = _read_tree(node, folder, source, depth, "included")
         _include(part, folder, source, depth + 1)
         place = node.getparent()
         if place is None:
@@ -85,44 +85,44 @@ def _include(element: Any, folder: Path, source: Source, depth: int) -> None:
         place[where : where + 1] = list(part)
 
 
-def _read(node: Any, folder: Path, source: Source, depth: int, how: str) -> Any:
+def _read_tree(node: Any, folder: Path, source: Source, depth: int, how: str) -> Any:
     """Tree of the file that an element refers to."""
     path = folder / (node.get("file") or "")
     if depth > _DEPTH:
         raise RobotError(f"{path.name} is more than {_DEPTH} files deep, or includes itself; remove that <{node.tag}>")
     source.read += 1
-    if source.read > _FILES:
-        raise RobotError(f"the file includes more than {_FILES} files; give the description of one robot")
+    if source.read > _MAX_FILES:
+        raise RobotError(f"the file includes more than {_MAX_FILES} files; give the description of one robot")
     if not may_read(path, [folder]):
         raise RobotError(f"the {how} file {path} lies outside the folder of the description; move it inside")
     try:
-        return parse(_bytes(path, source).decode("utf-8-sig"))
+        return parse(_read_limited(path, source).decode("utf-8-sig"))
     except (OSError, UnicodeDecodeError):
         raise RobotError(f"the {how} file {path} cannot be read; place it where <{node.tag}> points") from None
     except RobotError as error:
         raise RobotError(f"{how} file {path.name}: {error}") from None
 
 
-def _bytes(path: Path, source: Source) -> bytes:
+def _read_limited(path: Path, source: Source) -> bytes:
     """Content of a file; the sum of all is limited as that of one."""
     data = read_bytes(path)
     source.size += len(data)
-    if source.size > MOST_BYTES:
-        raise RobotError(f"its files have more than {MOST_BYTES / 1e6:.0f} MB; give the description of one robot")
+    if source.size > MAX_FILE_BYTES:
+        raise RobotError(f"its files have more than {MAX_FILE_BYTES / 1e6:.0f} MB; give the description of one robot")
     return data
 
 
-def _part(root: Any, folder: Path | None, source: Source, depth: int) -> tuple[str, Counter[str]]:
+def _dynamic_part(root: Any, folder: Path | None, source: Source, depth: int) -> tuple[str, Counter[str]]:
     """Text of a file without what does not shape the dynamics, and the number of its elements by tag."""
     from lxml import etree
 
-    settings = _last(root, "compiler", (*_SETTINGS, "meshdir", "assetdir", "strippath"))
-    _bound(root)
-    _check(root)
+    settings = _last_attributes(root, "compiler", (*_COMPILER_KEYS, "meshdir", "assetdir", "strippath"))
+    _check_magnitudes(root)
+    _check_root(root)
     bare = etree.Element("mujoco", {"model": root.get("model") or "robot"})
-    kept = {key: settings[key] for key in _SETTINGS if key in settings}
-    etree.SubElement(bare, "compiler", kept | {key: _least(kept, key) for key in ("boundmass", "boundinertia")})
-    option = etree.SubElement(bare, "option", _last(root, "option", _MEDIUM))
+    kept = {key: settings[key] for key in _COMPILER_KEYS if key in settings}
+    etree.SubElement(bare, "compiler", kept | {key: _min_inertial(kept, key) for key in ("boundmass", "boundinertia")})
+    option = etree.SubElement(bare, "option", _last_attributes(root, "option", _MEDIUM_KEYS))
     option.extend([flag for node in root.iterchildren("option") for flag in node.iterchildren("flag")])
     for node in root.iterchildren("default"):
         _prune_class(node)
@@ -130,7 +130,7 @@ def _part(root: Any, folder: Path | None, source: Source, depth: int) -> tuple[s
     worlds = list(root.iterchildren("worldbody"))
     for world in worlds:
         _prune(world, True, settings.get("inertiafromgeom") == "true")
-    models = _models(root, bare, folder, source, depth)
+    models = _attached_models(root, bare, folder, source, depth)
     lost = _meshes(root, bare, worlds, settings, folder, source)
     if lost:
         source.notes.append(f"the mass of the meshes of {lost} is not computed; add an <inertial> there")
@@ -140,42 +140,42 @@ def _part(root: Any, folder: Path | None, source: Source, depth: int) -> tuple[s
     if tendons := sum(len(group) for group in root.iterchildren("tendon")):
         source.notes.append(f"{tendons} tendons are ignored, with their stiffness, damping and friction")
     etree.SubElement(bare, "equality").extend([node for node in ties if node.tag == "joint"])
-    counts = sum((_count(world, models) for world in worlds), Counter[str]())
+    counts = sum((_count_elements(world, models) for world in worlds), Counter[str]())
     return str(etree.tostring(bare, encoding="unicode")), counts
 
 
-def _check(root: Any) -> None:
+def _check_root(root: Any) -> None:
     for world in root.iterchildren("worldbody"):
-        for node in world.iter(*_SOFT):
+        for node in world.iter(*_DEFORMABLE_TAGS):
             raise RobotError(f"the file uses <{node.tag}>, which makes deformable bodies; give a file of rigid ones")
-    if _last(root, "compiler", ("coordinate",)).get("coordinate") == "global":
+    if _last_attributes(root, "compiler", ("coordinate",)).get("coordinate") == "global":
         raise RobotError("the file uses global coordinates; load and save it with MuJoCo 2.3.3 or older")
 
 
-def _last(root: Any, tag: str, keys: tuple[str, ...]) -> dict[str, str]:
+def _last_attributes(root: Any, tag: str, keys: tuple[str, ...]) -> dict[str, str]:
     """Attributes of a section; the last one counts."""
     return {key: node.get(key) for node in root.iterchildren(tag) for key in keys if node.get(key)}
 
 
-def _least(settings: dict[str, str], key: str) -> str:
+def _min_inertial(settings: dict[str, str], key: str) -> str:
     """Lower bound of masses or inertias: that of the file, or one that counts as none."""
     stated = settings.get(key, "0")
     try:
-        return stated if not float(stated) < NEGLIGIBLE else repr(NEGLIGIBLE)
+        return stated if not float(stated) < MIN_INERTIAL else repr(MIN_INERTIAL)
     except ValueError:
         return stated
 
 
-def _bound(root: Any) -> None:
+def _check_magnitudes(root: Any) -> None:
     """Check the magnitude of the numbers that shape the dynamics, in place: negligible ones become 0."""
     for node in root.iter("body", "frame", "replicate", "joint", "inertial", "geom"):
-        for key in (key for key in _NUMBERS if node.get(key)):
+        for key in (key for key in _NUMBER_KEYS if node.get(key)):
             stated = f"a <{node.tag}> has {key}={node.get(key)!r}"
             words = node.get(key).split()
-            node.set(key, " ".join(_bounded(word, stated, key in _FRICTION) for word in words))
+            node.set(key, " ".join(_check_number(word, stated, key in _FRICTION_KEYS) for word in words))
 
 
-def _bounded(word: str, stated: str, positive: bool) -> str:
+def _check_number(word: str, stated: str, positive: bool) -> str:
     try:
         number = float(word)
     except ValueError:
@@ -187,36 +187,36 @@ def _bounded(word: str, stated: str, positive: bool) -> str:
 
 def _prune_class(node: Any) -> None:
     for child in list(node):
-        if child.tag not in _CLASSES:
+        if child.tag not in _DEFAULT_TAGS:
             node.remove(child)
         elif child.tag == "default":
             _prune_class(child)
         else:
-            _plain(child)
+            _remove_plugins(child)
 
 
-def _plain(node: Any) -> None:
+def _remove_plugins(node: Any) -> None:
     """Remove plug-ins, and references to removed assets."""
     for child in list(node):
         node.remove(child)
-    for key in _LOOKS:
+    for key in _ASSET_KEYS:
         node.attrib.pop(key, None)
 
 
 def _prune(node: Any, stated: bool, everywhere: bool) -> None:
     """Remove elements without influence on the dynamics; geometry counts only for bodies without inertial."""
     for child in list(node):
-        if child.tag not in _KEPT or (child.tag == "geom" and stated):
+        if child.tag not in _KEPT_TAGS or (child.tag == "geom" and stated):
             node.remove(child)
         elif child.tag == "body":
             _prune(child, child.find("inertial") is not None and not everywhere, everywhere)
         elif child.tag in ("frame", "replicate"):
             _prune(child, stated, everywhere)
         else:
-            _plain(child)
+            _remove_plugins(child)
 
 
-def _models(root: Any, bare: Any, folder: Path | None, source: Source, depth: int) -> dict[str, Counter[str]]:
+def _attached_models(root: Any, bare: Any, folder: Path | None, source: Source, depth: int) -> dict[str, Counter[str]]:
     """Prepare the models that a file attaches; return the number of their elements by name and tag."""
     from lxml import etree
 
@@ -224,11 +224,11 @@ def _models(root: Any, bare: Any, folder: Path | None, source: Source, depth: in
     for node in (node for group in root.iterchildren("asset") for node in group.iterchildren("model")):
         if folder is None:
             raise RobotError("the description attaches other files; give it as a file")
-        part, place = _read(node, folder, source, depth, "attached"), (folder / (node.get("file") or "")).parent
+        part, place = _read_tree(node, folder, source, depth, "attached"), (folder / (node.get("file") or "")).parent
         _include(part, place, source, depth + 1)
         part = parse(etree.tostring(part, encoding="unicode"))  # rejects what has become too deep
         name, file = node.get("name") or part.get("model") or "", f"model_{source.read}.xml"
-        text, found[name] = _part(part, place, source, depth + 1)
+        text, found[name] = _dynamic_part(part, place, source, depth + 1)
         source.files[file] = text.encode()
         etree.SubElement(etree.SubElement(bare, "asset"), "model", {"name": name, "file": file})
     return found
@@ -253,7 +253,7 @@ def _meshes(
             node.set("file", f"mesh_{len(source.files)}{Path(file).suffix.lower()}")
             source.files[node.get("file")] = data
         node.set("name", name)
-        _plain(node)
+        _remove_plugins(node)
         etree.SubElement(bare, "asset").append(node)
         known.add(name)
     lost = set[str]()
@@ -272,24 +272,24 @@ def _mesh(file: str, settings: dict[str, str], folder: Path | None, source: Sour
     below = Path(file).name if settings.get("strippath") == "true" else file
     path = folder / settings.get("meshdir", settings.get("assetdir", "")) / below
     try:
-        return _bytes(path, source) if may_read(path, [folder]) else None
+        return _read_limited(path, source) if may_read(path, [folder]) else None
     except OSError:
         return None
 
 
-def _count(node: Any, models: dict[str, Counter[str]]) -> Counter[str]:
+def _count_elements(node: Any, models: dict[str, Counter[str]]) -> Counter[str]:
     """Number of elements by tag, with those that are replicated and attached."""
     total: Counter[str] = Counter()
     for child in node:
-        times = _times(child) if child.tag == "replicate" else 1
-        inside = models.get(child.get("model"), Counter()) if child.tag == "attach" else _count(child, models)
+        times = _replica_count(child) if child.tag == "replicate" else 1
+        inside = models.get(child.get("model"), Counter()) if child.tag == "attach" else _count_elements(child, models)
         total[child.tag] += 1
         for tag, number in inside.items():
             total[tag] += times * number
     return total
 
 
-def _times(node: Any) -> int:
+def _replica_count(node: Any) -> int:
     try:
         number = float(node.get("count") or 0)
     except ValueError:

@@ -2,8 +2,8 @@
 
 The compiler is C code, which may crash on a damaged file; it reads files that signid has copied for it. Python never
 evaluates the expressions of a xacro file (`xacro_strict`), so an audit hook suffices for xacro: it reads the files that
-`may_read` allows, and neither writes, nor runs programs, nor connects. Time (SECONDS) and memory (MEMORY) of the
-process are limited.
+`may_read` allows, and neither writes, nor runs programs, nor connects. Time and memory of the process are
+limited (MAX_SECONDS, MAX_MEMORY).
 
 The module runs as a script and imports nothing from signid.
 """
@@ -20,15 +20,15 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-SECONDS, MEMORY = 20, 4_000_000_000  # limits [s], [bytes]
-WHERE = "it lies neither beside the description nor in a package or a --package-dir"
-COMPILED = "model.xml"  # name of the MJCF in its folder
-ARGUMENTS = "arguments.json"  # name of the file with the values of xacro's arguments, in the same folder
-SENTENCE = 2  # exit code if the reason is a sentence of its own
-_FLAGS = ("GRAVITY", "SPRING", "DAMPER", "FRICTIONLOSS")  # of MuJoCo's mjtDisableBit
-_BODY = ("pos", "quat", "ipos", "iquat", "mass", "inertia", "gravcomp")  # of MuJoCo's mjModel
-MANIFESTS = ("package.xml", "manifest.xml", "stack.xml")
-REFUSED = tuple(
+MAX_SECONDS, MAX_MEMORY = 20, 4_000_000_000  # limits [s], [bytes]
+PLACE_FAULT = "it lies neither beside the description nor in a package or a --package-dir"
+MODEL_FILE = "model.xml"  # name of the MJCF in its folder
+ARGUMENTS_FILE = "arguments.json"  # name of the file with the values of xacro's arguments, in the same folder
+SENTENCE_CODE = 2  # exit code if the reason is a sentence of its own
+_FLAG_NAMES = ("GRAVITY", "SPRING", "DAMPER", "FRICTIONLOSS")  # of MuJoCo's mjtDisableBit
+_BODY_FIELDS = ("pos", "quat", "ipos", "iquat", "mass", "inertia", "gravcomp")  # of MuJoCo's mjModel
+MANIFEST_FILES = ("package.xml", "manifest.xml", "stack.xml")
+REFUSED_EVENTS = tuple(
     "socket. subprocess. ctypes. shutil. os.system os.exec os.posix_spawn os.spawn os.fork os.kill os.remove os.rename "
     "os.rmdir os.mkdir os.link os.symlink os.truncate os.chmod os.chown os.utime".split()
 )
@@ -42,7 +42,7 @@ def may_read(path: str | Path, folders: Sequence[str | Path]) -> bool:
     place = Path(os.path.normpath(Path(path).absolute()))
     allowed = {Path(os.path.normpath(Path(folder).absolute())) for folder in folders}
     around = (place, *place.parents)
-    return any(folder in allowed or any((folder / name).is_file() for name in MANIFESTS) for folder in around)
+    return any(folder in allowed or any((folder / name).is_file() for name in MANIFEST_FILES) for folder in around)
 
 
 def _guard(folders: Sequence[str]) -> None:
@@ -54,21 +54,21 @@ def _guard(folders: Sequence[str]) -> None:
     def watch(event: str, given: tuple[Any, ...]) -> None:
         if event == "open" and isinstance(given[0], str | bytes):
             path = os.path.abspath(os.fsdecode(given[0]))
-            known = path.startswith(own) or os.path.basename(path) in MANIFESTS
+            known = path.startswith(own) or os.path.basename(path) in MANIFEST_FILES
             if given[2] & writes or not (known or may_read(path, folders)):
-                raise PermissionError(13, WHERE, path)
-        elif event.startswith(REFUSED):
+                raise PermissionError(13, PLACE_FAULT, path)
+        elif event.startswith(REFUSED_EVENTS):
             raise PermissionError(13, "a description may not do this", event)
 
     sys.addaudithook(watch)
 
 
-def _limit() -> None:
+def _limit_process() -> None:
     try:
         import resource
     except ImportError:  # Windows; the parent process limits the time
         return
-    for kind, most in ((resource.RLIMIT_CPU, SECONDS), (resource.RLIMIT_AS, MEMORY)):
+    for kind, most in ((resource.RLIMIT_CPU, MAX_SECONDS), (resource.RLIMIT_AS, MAX_MEMORY)):
         known = resource.getrlimit(kind)[1]
         least = most if known == resource.RLIM_INFINITY else min(most, known)
         with contextlib.suppress(ValueError):  # macOS has no memory limit
@@ -78,7 +78,7 @@ def _limit() -> None:
 def _expand(path: str, package_dirs: Sequence[str], scratch: str) -> str:
     """URDF of a xacro file; the values of its arguments are in `scratch`."""
     sys.path.append(os.path.dirname(os.path.abspath(__file__)))  # the script has no package
-    given = json.loads(Path(scratch, ARGUMENTS).read_text(encoding="utf-8"))
+    given = json.loads(Path(scratch, ARGUMENTS_FILE).read_text(encoding="utf-8"))
     return str(import_module("xacro_strict").expand(path, package_dirs, given, _guard))
 
 
@@ -86,13 +86,13 @@ def _compile(scratch: str) -> str:
     """Bodies, joints, joint constraints and gravity of `model.xml` in `scratch`, compiled by MuJoCo, as JSON."""
     import mujoco
 
-    spec = mujoco.MjSpec.from_file(os.path.join(scratch, COMPILED))
+    spec = mujoco.MjSpec.from_file(os.path.join(scratch, MODEL_FILE))
     spec.compiler.usethread = False
     model = spec.compile()
-    off = {name: bool(model.opt.disableflags & getattr(mujoco.mjtDisableBit, f"mjDSBL_{name}")) for name in _FLAGS}
+    off = {name: bool(model.opt.disableflags & getattr(mujoco.mjtDisableBit, f"mjDSBL_{name}")) for name in _FLAG_NAMES}
     bodies = [
         {
-            **{key: getattr(model, f"body_{key}")[i].tolist() for key in _BODY},
+            **{key: getattr(model, f"body_{key}")[i].tolist() for key in _BODY_FIELDS},
             "name": model.body(i).name,
             "parent": int(model.body_parentid[i]),
         }
@@ -104,13 +104,13 @@ def _compile(scratch: str) -> str:
         "gravity": [0.0] * 3 if off["GRAVITY"] else model.opt.gravity.tolist(),
         "medium": any(medium),
         "bodies": bodies,
-        "joints": [_joint(model, i, off) for i in range(model.njnt)],
+        "joints": [_compiled_joint(model, i, off) for i in range(model.njnt)],
         "ties": [[int(model.eq_obj1id[i]), int(model.eq_obj2id[i]), model.eq_data[i, :5].tolist()] for i in ties],
     }
     return json.dumps(found)
 
 
-def _joint(model: Any, i: int, off: dict[str, bool]) -> dict[str, Any]:
+def _compiled_joint(model: Any, i: int, off: dict[str, bool]) -> dict[str, Any]:
     """A joint of a compiled model; `off` names the passive torques that the file disables."""
     row, place = model.jnt_dofadr[i], model.jnt_qposadr[i]
     beyond = (model.dof_dampingpoly[row].any() and not off["DAMPER"], model.jnt_stiffnesspoly[i].any())
@@ -134,17 +134,17 @@ def _joint(model: Any, i: int, off: dict[str, bool]) -> dict[str, Any]:
 def _main(scratch: str, path: str, *package_dirs: str) -> None:
     """Print the URDF of a xacro file, or what MuJoCo compiles of an MJCF; or print the reason and exit with 1.
 
-    The reason goes to standard error; it is a sentence of its own if the exit code is SENTENCE. `path` is empty for
-    MJCF. The values of xacro's arguments are in ARGUMENTS, in `scratch`.
+    The reason goes to standard error; it is a sentence of its own if the exit code is SENTENCE_CODE. `path` is empty
+    for MJCF. The values of xacro's arguments are in ARGUMENTS_FILE, in `scratch`.
     """
     try:
-        _limit()
+        _limit_process()
         result = _expand(path, package_dirs, scratch) if path else _compile(scratch)
         sys.stdout.buffer.write(result.encode())
     except (Exception, SystemExit) as error:  # expressions in the file may raise anything
         reason = "it needs too much memory" if isinstance(error, MemoryError) else " ".join(str(error).split())
         sys.stderr.buffer.write((reason or type(error).__name__).encode("utf-8", "replace"))
-        sys.exit(SENTENCE if type(error).__name__ == "Sentence" else 1)
+        sys.exit(SENTENCE_CODE if type(error).__name__ == "Sentence" else 1)
 
 
 if __name__ == "__main__":

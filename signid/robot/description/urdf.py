@@ -28,16 +28,16 @@ from .document import (
     not_negative,
 )
 
-_LOOP = re.compile(r"loop|closure|closing|four[_-]?bar|4[_-]?bar|linkage|crank|coupler", re.IGNORECASE)
-_FOLLOWS = re.compile(r"[_-]mimic(?![a-z])", re.IGNORECASE)  # in the name of a joint that follows another one
-_MISSING = "a URDF file is a tree, so the loops are missing, and forces through them are not modelled"
+_LOOP_NAME = re.compile(r"loop|closure|closing|four[_-]?bar|4[_-]?bar|linkage|crank|coupler", re.IGNORECASE)
+_MIMIC_NAME = re.compile(r"[_-]mimic(?![a-z])", re.IGNORECASE)  # in the name of a joint that follows another one
+_LOOP_CONSEQUENCE = "a URDF file is a tree, so the loops are missing, and forces through them are not modelled"
 Vector = tuple[float, float, float]
-MOVING = ("revolute", "continuous", "prismatic")
-HELD = ("floating", "planar")
-MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-_KINDS = (*MOVING, *HELD, "fixed")
-_BEYOND = 1e6  # [rad or m] limits from here on count as no limits
-_ZERO = (0.0, 0.0, 0.0)
+MOVING_KINDS = ("revolute", "continuous", "prismatic")
+HELD_KINDS = ("floating", "planar")
+MOMENT_KEYS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+_JOINT_KINDS = (*MOVING_KINDS, *HELD_KINDS, "fixed")
+_MAX_LIMIT = 1e6  # [rad or m] limits from here on count as no limits
+_ZERO_VECTOR = (0.0, 0.0, 0.0)
 
 
 def read_urdf(document: Document) -> Draft:
@@ -49,7 +49,7 @@ def read_urdf(document: Document) -> Draft:
     import pinocchio as pin
 
     tree = read_tree(document.root, document.stem)
-    moving = [joint for joint in tree.joints if joint.kind in MOVING]
+    moving = [joint for joint in tree.joints if joint.kind in MOVING_KINDS]
     if not moving:
         raise RobotError("the file has no moving joint (revolute, continuous, prismatic): nothing to identify")
     try:
@@ -69,8 +69,8 @@ def read_urdf(document: Document) -> Draft:
         links=tuple(child[name] for name in list(model.names)[1:]),
         document=document.text,
         kind="urdf",
-        notes=(*unnamed, *_notes(tree, moving, child), *left_out_notes(document.root, _massless(tree))),
-        still=frozenset(joint.name for joint in tree.joints if joint.kind not in MOVING),
+        notes=(*unnamed, *_joint_notes(tree, moving, child), *left_out_notes(document.root, _massless(tree))),
+        still=frozenset(joint.name for joint in tree.joints if joint.kind not in MOVING_KINDS),
     )
 
 
@@ -80,7 +80,7 @@ def _mechanism(tree: Tree) -> str:
     for link, inertial in tree.links.items():
         content = ""
         if inertial is not None:
-            moments = " ".join(f'{key}="{x!r}"' for key, x in zip(MOMENTS, inertial.moments, strict=True))
+            moments = " ".join(f'{key}="{x!r}"' for key, x in zip(MOMENT_KEYS, inertial.moments, strict=True))
             content = f'{_origin(inertial.pose)}<mass value="{inertial.mass!r}"/><inertia {moments}/>'
             content = f"<inertial>{content}</inertial>"
         lines.append(f"<link name={quoteattr(link)}>{content}</link>")
@@ -89,26 +89,26 @@ def _mechanism(tree: Tree) -> str:
         lines.append(
             f'<joint name={name} type="{joint.kind}">{_origin(joint.pose)}'
             f"<parent link={parent}/><child link={child}/>"
-            f'<axis xyz="{_words(joint.direction)}"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+            f'<axis xyz="{_xyz_text(joint.direction)}"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
         )
     return "\n".join([*lines, "</robot>"])
 
 
 def _origin(pose: Pose) -> str:
-    return f'<origin xyz="{_words(pose.xyz)}" rpy="{_words(pose.rpy)}"/>'
+    return f'<origin xyz="{_xyz_text(pose.xyz)}" rpy="{_xyz_text(pose.rpy)}"/>'
 
 
-def _words(vector: tuple[float, float, float]) -> str:
+def _xyz_text(vector: tuple[float, float, float]) -> str:
     return " ".join(map(repr, vector))
 
 
-def _notes(tree: Tree, moving: list[Joint], known: Container[str]) -> Iterator[str]:
+def _joint_notes(tree: Tree, moving: list[Joint], known: Container[str]) -> Iterator[str]:
     """One sentence for each kind of defect of the moving joints and links."""
     mimics = [(joint.name, joint.axis.mimic.joint) for joint in moving if joint.axis.mimic]
     if stray := [f"{name} ({followed})" for name, followed in mimics if followed not in known]:
         yield f"treated as independent, because they mimic joints that do not exist: {shorten(stray)}"
     yield from _inertial_notes(tree)
-    if held := [f"{joint.name} ({joint.kind})" for joint in tree.joints if joint.kind in HELD]:
+    if held := [f"{joint.name} ({joint.kind})" for joint in tree.joints if joint.kind in HELD_KINDS]:
         yield f"held fixed at neutral: {shorten(held)}"
     lacking = {
         "position": [x.name for x in moving if x.kind != "continuous" and x.axis.upper - x.axis.lower == inf],
@@ -165,21 +165,21 @@ def left_out_notes(robot: Any, massless: Collection[str]) -> Iterator[str]:
         theirs = "the shape of link" if len(drawn) == 1 else "the shapes of links"
         gives = "gives" if len(drawn) == 1 else "give"
         yield f"{theirs} {shorten(drawn)} {gives} no mass and no inertia; add an <inertial> there"
-    names = [*_named(robot, "joint"), *_named(robot, "link")]
+    names = [*_loop_names(robot, "joint"), *_loop_names(robot, "link")]
     if names:
         be = "is part of a closed linkage by its name" if len(names) == 1 else "are parts of closed linkages by name"
-        yield f"{shorten(names)} {be}; {_MISSING}"
+        yield f"{shorten(names)} {be}; {_LOOP_CONSEQUENCE}"
     closing = [str(joint.get("name")) for part in children(robot, "gazebo") for joint in children(part, "joint")]
     if closing:
-        yield f"left out, because only a <gazebo> element states them: joints {shorten(closing)}; {_MISSING}"
+        yield f"left out, because only a <gazebo> element states them: joints {shorten(closing)}; {_LOOP_CONSEQUENCE}"
 
 
-def _named(robot: Any, tag: str) -> list[str]:
+def _loop_names(robot: Any, tag: str) -> list[str]:
     """Joints, or links, whose names show a closed linkage; a joint *_mimic with a <mimic> follows another one here."""
     follow = {part.get("name") for part in children(robot, tag) if children(part, "mimic")}
     names = [part.get("name") or "" for part in children(robot, tag)]
-    shown = [name for name in names if _LOOP.search(name) or (_FOLLOWS.search(name) and name not in follow)]
-    return [f"{tag} {name}" for name in shown if tag == "joint" or not _FOLLOWS.search(name)]
+    shown = [name for name in names if _LOOP_NAME.search(name) or (_MIMIC_NAME.search(name) and name not in follow)]
+    return [f"{tag} {name}" for name in shown if tag == "joint" or not _MIMIC_NAME.search(name)]
 
 
 class Pose(NamedTuple):
@@ -224,10 +224,10 @@ def read_tree(robot: Any, fallback: str) -> Tree:
     Raises:
         RobotError: invalid name, number or tree.
     """
-    moving = [element for element in children(robot, "joint") if element.get("type") in MOVING]
+    moving = [element for element in children(robot, "joint") if element.get("type") in MOVING_KINDS]
     check_count(len(children(robot, "link")), len(moving))
-    links = [_link(element) for element in children(robot, "link")]
-    joints = tuple(_joint(element) for element in children(robot, "joint"))
+    links = [_urdf_link(element) for element in children(robot, "link")]
+    joints = tuple(_urdf_joint(element) for element in children(robot, "joint"))
     check_names(joint=[joint.name for joint in joints], link=[name for name, _ in links])
     return Tree(robot.get("name") or fallback, dict(links), joints, _root([name for name, _ in links], joints))
 
@@ -268,40 +268,40 @@ def _repeated(names: list[str]) -> Iterator[str]:
     return (name for name, count in Counter(names).items() if count > 1)
 
 
-def _link(element: Any) -> tuple[str, Inertial | None]:
+def _urdf_link(element: Any) -> tuple[str, Inertial | None]:
     name = _name(element, "link")
     stated, where = _child(element, "inertial"), f"link {name!r}"
     if stated is None:
         return name, None
-    moments = tuple(_number(_child(stated, "inertia"), key, where, 0.0) for key in MOMENTS)
+    moments = tuple(_number(_child(stated, "inertia"), key, where, 0.0) for key in MOMENT_KEYS)
     mass = _number(_child(stated, "mass"), "value", where, 0.0)
     return name, Inertial(mass, _pose(stated, where), moments)
 
 
-def _joint(element: Any) -> Joint:
+def _urdf_joint(element: Any) -> Joint:
     name = _name(element, "joint")
     where, kind = f"joint {name!r}", element.get("type")
-    if kind not in _KINDS:
+    if kind not in _JOINT_KINDS:
         stated = f"has the unknown type {kind!r}" if kind else "has no type"
-        raise RobotError(f"{where} {stated}; expected one of {', '.join(_KINDS)}")
-    parent, child = (_end(element, end, where) for end in ("parent", "child"))
+        raise RobotError(f"{where} {stated}; expected one of {', '.join(_JOINT_KINDS)}")
+    parent, child = (_end_link(element, end, where) for end in ("parent", "child"))
     pose = _pose(element, where)
-    if kind not in MOVING:
+    if kind not in MOVING_KINDS:
         return Joint(name, kind, parent, child, pose, Axis(name))
     direction = _vector(_child(element, "axis"), "xyz", where, (1.0, 0.0, 0.0))
     if not any(direction):
         raise RobotError(f"{where} has the axis 0 0 0; give it a direction")
-    return Joint(name, kind, parent, child, pose, _axis(element, name, kind), direction)
+    return Joint(name, kind, parent, child, pose, _urdf_axis(element, name, kind), direction)
 
 
-def _end(element: Any, end: str, where: str) -> str:
+def _end_link(element: Any, end: str, where: str) -> str:
     for found in children(element, end):
         if found.get("link"):
             return str(found.get("link"))
     raise RobotError(f"{where} has no {end} link; add <{end} link=...>")
 
 
-def _axis(element: Any, name: str, kind: str) -> Axis:
+def _urdf_axis(element: Any, name: str, kind: str) -> Axis:
     """Limits, friction and mimic element; missing limits and limits of zero are none."""
     where, limit, dynamics = f"joint {name!r}", _child(element, "limit"), _child(element, "dynamics")
     lower, upper, velocity, effort = (
@@ -311,8 +311,8 @@ def _axis(element: Any, name: str, kind: str) -> Axis:
     return Axis(
         name,
         prismatic=kind == "prismatic",
-        lower=lower if limited and lower > -_BEYOND else -inf,
-        upper=upper if limited and upper < _BEYOND else inf,
+        lower=lower if limited and lower > -_MAX_LIMIT else -inf,
+        upper=upper if limited and upper < _MAX_LIMIT else inf,
         velocity=abs(velocity) or inf,
         effort=abs(effort) or inf,
         viscous=_dissipative(dynamics, "damping", where),
@@ -337,7 +337,7 @@ def _mimic(element: Any, where: str) -> Mimic | None:
 
 def _pose(element: Any, where: str) -> Pose:
     origin = _child(element, "origin")
-    return Pose(_vector(origin, "xyz", where, _ZERO), _vector(origin, "rpy", where, _ZERO))
+    return Pose(_vector(origin, "xyz", where, _ZERO_VECTOR), _vector(origin, "rpy", where, _ZERO_VECTOR))
 
 
 def _name(element: Any, what: str) -> str:

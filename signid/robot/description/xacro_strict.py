@@ -25,20 +25,20 @@ from xacro import substitution_args
 from xacrodoc import XacroDoc
 from xacrodoc.packages import PackageFinder, PackageNotFoundError
 
-MOST_FILES, MOST_DEPTH = 500, 20  # largest number of included files (as of MJCF), and depth of files in files
-MOST_LETTERS = 100_000_000  # of all included files together
-MOST_NAMES = 20  # arguments that a sentence lists
-DOCTYPE = "the file declares a document type, which could load other files; remove the <!DOCTYPE ...>"
-ONE_ROBOT = "give the description of one robot"
-_TEXTS = (Node.TEXT_NODE, Node.CDATA_SECTION_NODE)
-_READ = re.compile(r"\$\(arg\s+([^\s()]+)\s*\)|\bxacro\.arg\(\s*['\"]([^'\"]+)['\"]")  # an argument that is read
-_EVALUATED = re.compile(r"\$\(eval\b[^$]*")  # an expression that may name arguments
-ABSENT = "package://"  # begins the text in place of the folder of a package that is not there
+MAX_INCLUDED_FILES, MAX_DEPTH = 500, 20  # largest number of included files (as of MJCF), and depth of files in files
+MAX_INCLUDED_LETTERS = 100_000_000  # of all included files together
+MAX_LISTED_ARGUMENTS = 20  # arguments that a sentence lists
+DOCTYPE_FAULT = "the file declares a document type, which could load other files; remove the <!DOCTYPE ...>"
+ONE_ROBOT_ADVICE = "give the description of one robot"
+_TEXT_NODES = (Node.TEXT_NODE, Node.CDATA_SECTION_NODE)
+_ARGUMENT_READ = re.compile(r"\$\(arg\s+([^\s()]+)\s*\)|\bxacro\.arg\(\s*['\"]([^'\"]+)['\"]")
+_EVALUATION = re.compile(r"\$\(eval\b[^$]*")  # an expression that may name arguments
+ABSENT_PACKAGE = "package://"  # begins the text in place of the folder of a package that is not there
 MANIFEST, OLD_MANIFEST = "package.xml", "manifest.xml"  # of ROS 1 and 2, of rosbuild
-LONGEST = 100_000  # part of a manifest that is searched for the name [characters]
-INSIDE = frozenset("arms description grippers model models robot robots urdf xacro".split())  # of a package's folders
-_NAME = re.compile(r"[A-Za-z][\w\-]*")
-_STATED = re.compile(r"<name>\s*([\w\-]+)\s*</name>")
+MAX_MANIFEST_LETTERS = 100_000  # part of a manifest that is searched for the name [characters]
+PACKAGE_FOLDERS = frozenset("arms description grippers model models robot robots urdf xacro".split())
+_WORD = re.compile(r"[A-Za-z][\w\-]*")
+_STATED_NAME = re.compile(r"<name>\s*([\w\-]+)\s*</name>")
 
 
 class Sentence(Exception):
@@ -77,10 +77,10 @@ class Arguments(dict[str, str]):
             elif "$" not in (default := node.getAttribute("default")):
                 self.defaults.setdefault(node.getAttribute("name"), default)
         for node in document.getElementsByTagName("*"):
-            texts = [part.data for part in node.childNodes if part.nodeType in _TEXTS]
+            texts = [part.data for part in node.childNodes if part.nodeType in _TEXT_NODES]
             for text in (*dict(node.attributes.items()).values(), *texts):
-                self.read += [one or other for one, other in _READ.findall(text)]
-                self.expressions += _EVALUATED.findall(text)
+                self.read += [one or other for one, other in _ARGUMENT_READ.findall(text)]
+                self.expressions += _EVALUATION.findall(text)
 
     def check(self) -> None:
         """Check that every argument that the expansion needs is given, and that every given one is an argument.
@@ -92,7 +92,7 @@ class Arguments(dict[str, str]):
         known = {*self.declared, *self.required, *self.read}
         words = {word for text in self.expressions for word in re.findall(r"[\w.]+", text)}
         if strange := sorted(self.given - known - words):
-            listed = f"its arguments are {_listed(sorted(known))}" if known else "it has none, so leave --xacro out"
+            listed = f"its arguments are {_shortlist(sorted(known))}" if known else "it has none, so leave --xacro out"
             raise Sentence(f"the xacro file has no argument {strange[0]!r}; {listed}")
 
     def explain(self, error: BaseException) -> BaseException:
@@ -117,7 +117,7 @@ class Arguments(dict[str, str]):
             reason = f"there is no {cause.filename}"
         elif isinstance(cause, PermissionError):
             reason = f"it may not read {cause.filename}, because {cause.strerror}"
-        return ValueError(f"{reason}; its arguments are {_listed(takes)} (--xacro NAME:=VALUE)")
+        return ValueError(f"{reason}; its arguments are {_shortlist(takes)} (--xacro NAME:=VALUE)")
 
     def _unknown_value(self, path: str, names: Sequence[str]) -> Sentence | None:
         """Values that an argument may have, if it alone may have named the first part of a path that is not there."""
@@ -132,7 +132,7 @@ class Arguments(dict[str, str]):
         if not os.path.isdir(folder) or len(named) != 1:
             return None
         alike = [entry.name for entry in os.scandir(folder) if entry.is_dir() != whole and entry.name.endswith(ending)]
-        there = _listed(sorted(name.removesuffix(ending) for name in alike)) or "none"
+        there = _shortlist(sorted(name.removesuffix(ending) for name in alike)) or "none"
         stated = f"the xacro argument {named[0]} is {self[named[0]]!r}, but there is no {path}"
         return Sentence(f"{stated}; add --xacro {named[0]}:=VALUE (there are {there})")
 
@@ -145,8 +145,8 @@ class Arguments(dict[str, str]):
         names = [name for name in dict.fromkeys((*self.lacking, *others)) if name not in self.given]
         if self.lacking:
             noun = "the argument" if len(names) == 1 else "the arguments"
-            options = " ".join(f"--xacro {name}:=VALUE" for name in names[:MOST_NAMES])
-            raise Sentence(f"the xacro file needs {noun} {_listed(names)}; add {options}")
+            options = " ".join(f"--xacro {name}:=VALUE" for name in names[:MAX_LISTED_ARGUMENTS])
+            raise Sentence(f"the xacro file needs {noun} {_shortlist(names)}; add {options}")
 
 
 def expand(
@@ -229,21 +229,21 @@ def strict_parser(arguments: Arguments) -> Callable[..., Any]:
     def read(path: str) -> str:
         nonlocal files, letters
         files, name = files + 1, os.path.basename(path)
-        if files > MOST_FILES:
-            raise Sentence(f"the file includes more than {MOST_FILES} files; {ONE_ROBOT}")
-        if len(xacro.filestack or ()) > MOST_DEPTH:
-            raise Sentence(f"{name} is included more than {MOST_DEPTH} files deep, as if by itself; remove an include")
+        if files > MAX_INCLUDED_FILES:
+            raise Sentence(f"the file includes more than {MAX_INCLUDED_FILES} files; {ONE_ROBOT_ADVICE}")
+        if len(xacro.filestack or ()) > MAX_DEPTH:
+            raise Sentence(f"{name} is included more than {MAX_DEPTH} files deep, as if by itself; remove an include")
         if os.path.exists(path) and not os.path.isfile(path):
             raise Sentence(f"included file {name}: it is no regular file; include a xacro file")
         try:
             with open(path, encoding="utf-8-sig") as stream:
-                text = stream.read(MOST_LETTERS - letters + 1)
+                text = stream.read(MAX_INCLUDED_LETTERS - letters + 1)
         except OSError as error:
             xacro.filestack.pop()
             raise xacro.XacroException(f"{error.strerror}: {error.filename}", exc=error) from None
         letters += len(text)
-        if letters > MOST_LETTERS:
-            raise Sentence(f"its files have more than {MOST_LETTERS / 1e6:.0f} MB; {ONE_ROBOT}")
+        if letters > MAX_INCLUDED_LETTERS:
+            raise Sentence(f"its files have more than {MAX_INCLUDED_LETTERS / 1e6:.0f} MB; {ONE_ROBOT_ADVICE}")
         return text
 
     def parse(text: Any, filename: str | None = None) -> Any:
@@ -263,7 +263,7 @@ class _Builder(expatbuilder.ExpatBuilderNS):
         self.where = where
 
     def start_doctype_decl_handler(self, *_: Any) -> None:
-        raise Sentence(self.where + DOCTYPE)
+        raise Sentence(self.where + DOCTYPE_FAULT)
 
 
 def strict_names(absolute: Callable[[Any], str]) -> Callable[[Any], str]:
@@ -273,8 +273,8 @@ def strict_names(absolute: Callable[[Any], str]) -> Callable[[Any], str]:
     """
 
     def complete(name: Any) -> str:
-        if (text := str(name)).startswith(ABSENT):
-            package = text.removeprefix(ABSENT).partition("/")[0]
+        if (text := str(name)).startswith(ABSENT_PACKAGE):
+            package = text.removeprefix(ABSENT_PACKAGE).partition("/")[0]
             reason = (
                 f"xacro cannot expand it: it needs the ROS package {package!r}, which is neither above nor beside it"
             )
@@ -284,9 +284,9 @@ def strict_names(absolute: Callable[[Any], str]) -> Callable[[Any], str]:
     return complete
 
 
-def _listed(names: Sequence[str]) -> str:
-    more = len(names) - MOST_NAMES
-    return ", ".join(names) if more <= 0 else f"{', '.join(names[:MOST_NAMES])} and {more} more"
+def _shortlist(names: Sequence[str]) -> str:
+    more = len(names) - MAX_LISTED_ARGUMENTS
+    return ", ".join(names) if more <= 0 else f"{', '.join(names[:MAX_LISTED_ARGUMENTS])} and {more} more"
 
 
 def package_finder(path: str, package_dirs: Sequence[str], allow: Callable[[str], None]) -> Callable[[str], str]:
@@ -295,53 +295,53 @@ def package_finder(path: str, package_dirs: Sequence[str], allow: Callable[[str]
     A package is a folder with a manifest that states the name. It is searched in the given folders, above and beside
     the description, and where ROS is installed. A folder without a manifest counts if its own name is that of the
     package and it is in a given folder, or above the description and looks like a package. `allow` gets the folder
-    that is found. The name of a package that is not there becomes ABSENT and the name, as meshes have it.
+    that is found. The name of a package that is not there becomes ABSENT_PACKAGE and the name, as meshes have it.
     """
     place = Path(os.path.abspath(path))
     above, given = place.parents, [Path(folder) for folder in package_dirs]
 
     def candidates(name: str) -> Iterator[Path]:
         for folder in given:
-            yield from (at for at in (folder, folder / name) if _states(at, name))
+            yield from (at for at in (folder, folder / name) if _states_package(at, name))
             yield from (at for at in (folder, folder / name) if at.name == name and at.is_dir())
-            yield from _below(folder, name)
-        yield from (folder for folder in above if _states(folder, name))
-        yield from (folder for folder in above if folder.name == name and _like_package(folder, place))
-        yield from (folder / name for folder in above if _states(folder / name, name))
+            yield from _find_below(folder, name)
+        yield from (folder for folder in above if _states_package(folder, name))
+        yield from (folder for folder in above if folder.name == name and _is_package_folder(folder, place))
+        yield from (folder / name for folder in above if _states_package(folder / name, name))
         prefixes = filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))
         shares = (Path(prefix, "share", name) for prefix in prefixes)
-        yield from (share for share in shares if _states(share, name))
-        yield from _below(None, name)
+        yield from (share for share in shares if _states_package(share, name))
+        yield from _find_below(None, name)
 
     @functools.cache
     def find(name: str) -> str:
-        found = next(candidates(name), None) if _NAME.fullmatch(name) else None
+        found = next(candidates(name), None) if _WORD.fullmatch(name) else None
         if found is None:
-            return ABSENT + name
+            return ABSENT_PACKAGE + name
         allow(str(found))
         return found.as_posix()
 
     return find
 
 
-def _states(folder: Path, name: str) -> bool:
+def _states_package(folder: Path, name: str) -> bool:
     """Whether a folder has a manifest that states the name of the package; rosbuild's is named by its folder."""
     try:
         with open(folder / MANIFEST, encoding="utf-8", errors="replace") as stream:
-            stated = _STATED.search(stream.read(LONGEST))
+            stated = _STATED_NAME.search(stream.read(MAX_MANIFEST_LETTERS))
     except OSError:
         return folder.name == name and (folder / OLD_MANIFEST).is_file()
     return bool(stated and stated.group(1) == name)
 
 
-def _like_package(folder: Path, file: Path) -> bool:
+def _is_package_folder(folder: Path, file: Path) -> bool:
     """Whether a folder above a file is no other one of the computer: it has a _ and the layout of a ROS package."""
     home = Path.home()
-    usual = "_" in folder.name and file.relative_to(folder).parts[0] in INSIDE
+    usual = "_" in folder.name and file.relative_to(folder).parts[0] in PACKAGE_FOLDERS
     return usual and folder != home and folder not in home.parents
 
 
-def _below(folder: Path | None, name: str) -> Iterator[Path]:
+def _find_below(folder: Path | None, name: str) -> Iterator[Path]:
     """The package somewhere below a folder, or in ROS_PACKAGE_PATH."""
     finder = PackageFinder()
     if folder is not None:

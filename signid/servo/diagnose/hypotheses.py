@@ -9,7 +9,7 @@ import numpy as np
 
 from ...effects import DRIVE_EFFECTS
 from ...effects.drive import DriveLaw, Reach, Twin, scaled
-from ...effects.servo_damping import OFF
+from ...effects.servo_damping import DRIVE_OFF_ADVICE
 from ...servos import JOINT_LAWS, LOOP_UNITS, SERVO_NUMBERS, Servo
 
 GRAVITY = "repeat in a posture with another gravity torque: the offset stays, a shifted zero of the command does not"
@@ -140,7 +140,7 @@ HYPOTHESES: tuple[DriveHypothesis, ...] = (
         variable="velocity",
         trials=_viscous,
         tolerance=0.05,
-        twins=(Twin("servo_damping", OFF),),
+        twins=(Twin("servo_damping", DRIVE_OFF_ADVICE),),
         keys=("coefficient",),
     ),
     DriveHypothesis(

@@ -10,9 +10,9 @@ from scipy.stats import chi2
 
 from ...effects import EFFECTS
 from ...errors import decimals, shorten
-from ...estimation.repeats import SERVO, Varying, varying_sentence
+from ...estimation.repeats import SERVO, VaryingNumber, varying_sentence
 from ...model import Model, command_model
-from ...robot.joints import alike, name_pattern
+from ...robot.joints import name_pattern, similar_joints
 from ...servos import PASSIVE, SERVO_NUMBERS, SUMS, Servo, ServoGrid
 from ...types import Array, Robot
 from ..fit import ServoFit, fit_servos, start_limits
@@ -168,7 +168,7 @@ def conclude(
     )
 
 
-def varying_drives(joints: Sequence[ServoJoint], fit: ServoFit) -> Iterator[Varying]:
+def varying_drives(joints: Sequence[ServoJoint], fit: ServoFit) -> Iterator[VaryingNumber]:
     """Numbers that differ between recordings, by the names under which a result has them."""
     found = {one.joint: one.numbers for one in joints}
     for k in np.flatnonzero(fit.spread).tolist():
@@ -177,7 +177,7 @@ def varying_drives(joints: Sequence[ServoJoint], fit: ServoFit) -> Iterator[Vary
         for key, size in {name: 1.0, whole: 1.0, f"{whole}/kp": fit.servos[joint].kp}.items():
             if (number := numbers.get(key)) is not None and number.value is not None:
                 effect, parameter = (key, next(iter(EFFECTS[key].parameters))) if key in PASSIVE else (SERVO, key)
-                yield Varying(effect, joint, parameter, float(fit.spread[k]) / size, number.unit)
+                yield VaryingNumber(effect, joint, parameter, float(fit.spread[k]) / size, number.unit)
                 break
 
 
@@ -376,7 +376,7 @@ def equal_hints(found: Mapping[str, Estimates], equal: Sequence[Sequence[str]] =
 
     found: estimates by servo joint, of those numbers that recordings identify; equal: joints fitted as equal already.
     """
-    for members in alike(tuple(found)):
+    for members in similar_joints(tuple(found)):
         if any(set(members) <= set(group) for group in equal):
             continue
         name, p = _likeliest(members, found)

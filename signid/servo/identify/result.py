@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from ...estimation.repeats import Varying
+from ...estimation.repeats import VaryingNumber
 from ...frozen import Frozen, Result
 from ...model import Model
 from ...parameters import Array
@@ -146,7 +146,7 @@ class ServoIdentification(Result):
     zeros: tuple[JointZero, ...] = ()  # signs and zeros of positions, where gravity was compared with them
     start: Candidate | None = None  # drives of the search and their free numbers, by the training rows
     friction_models: tuple[FrictionModel, ...] = ()  # where they were compared
-    varies: tuple[Varying, ...] = ()  # numbers that differ between recordings by more than their intervals
+    varies: tuple[VaryingNumber, ...] = ()  # numbers that differ between recordings by more than their intervals
 
     def with_zeros(self, zeros: tuple[JointZero, ...], notes: tuple[str, ...]) -> ServoIdentification:
         """The same with signs and zeros of positions, and notes on them."""

@@ -12,27 +12,27 @@ from ...deadline import time_is_up
 from ...regression.motion import Motion, base_rows
 from ...regression.rows import Task
 from ...types import Array, Frozen, Indices
-from ..observations import Observed, law_coefficients
+from ..observations import Observations, law_coefficients
 from ..thresholds import OFFSET_LIMIT
 from .problem import SignProblem
 
-POSES = 15  # configurations at which kinetic energy must be positive; logs: enough for Panda and UR10e
-DIRECTIONS = 4  # random joint velocities per configuration, beside those of each joint alone; as POSES
-ZERO_ROW = 1e-9  # [sum of the absolute values of its terms] length of a row that is zero but for rounding
-INSIDE = 1e-9  # [distance from the origin] violation of an inequality that is rounding error
-ROUNDS = 20  # [iterations per row] of the search for multipliers, at most; heuristic
-SEARCH = "the search for signs"  # name of the search in the flag of the time limit
-FEW = 50  # [nodes per level] kept once the budget of nodes or time is spent; heuristic
-SAMPLE = 16  # [nodes per level] to which the parabolas are fitted; heuristic
-SWEEPS = 4  # [sweeps] of coordinate descent over the cuts; any number gives a valid bound; heuristic
-PIVOT = 1e-3  # [1] smallest pivot of a factor, so that rounding errors of bounds stay far below ROUNDING; heuristic
-MARGIN = 1e-4  # [T_i] by which the first heights exceed T_i, so that M is clearly positive definite; heuristic
+KINETIC_POSES = 15  # configurations at which kinetic energy must be positive; logs: enough for Panda and UR10e
+KINETIC_VELOCITIES = 4  # random joint velocities per configuration, beside those of each joint alone; as KINETIC_POSES
+ZERO_ROW_LENGTH = 1e-9  # [sum of the absolute values of its terms] length of a row that is zero but for rounding
+CONE_TOLERANCE = 1e-9  # [distance from the origin] violation of an inequality that is rounding error
+BVLS_ROUNDS = 20  # [iterations per row] of the search for multipliers, at most; heuristic
+SIGN_SEARCH = "the search for signs"  # name of the search in the flag of the time limit
+SPENT_WIDTH = 50  # [nodes per level] kept once the budget of nodes or time is spent; heuristic
+PARABOLA_NODES = 16  # [nodes per level] to which the parabolas are fitted; heuristic
+CUT_SWEEPS = 4  # [sweeps] of coordinate descent over the cuts; any number gives a valid bound; heuristic
+MIN_PIVOT = 1e-3  # [1] of a factor, so that rounding errors of bounds stay far below LOSS_ROUNDING; heuristic
+HEIGHT_MARGIN = 1e-4  # [T_i] by which the first heights exceed T_i, so that M is clearly positive definite; heuristic
 ASCENT_STEPS = 10  # [steps] of the heights at the first level; one at each later level; heuristic
 STEP_SHARES = (1.0, 0.3, 0.1)  # [full step] tried in turn until the mean bound rises; heuristic
-ROUNDING = 1e-11  # [total energy] losses that differ by less count as equal; heuristic
+LOSS_ROUNDING = 1e-11  # [total energy] losses that differ by less count as equal; heuristic
 
 
-def cone_inequalities(task: Task, observed: Observed, seed: int = 0) -> Array:
+def cone_inequalities(task: Task, observed: Observations, seed: int = 0) -> Array:
     """Rows c (g, b) with c'theta >= 0 for the base parameters theta of every real robot [1 over units of base].
 
     Three kinds: kinetic energy x'M(q)x >= 0 at observed configurations, for each joint's velocity alone and for random
@@ -60,13 +60,13 @@ def kinetic_rows(task: Task, q: Array, x: Array) -> Array:
     return rows
 
 
-def _energy_rows(task: Task, observed: Observed, seed: int) -> Array:
+def _energy_rows(task: Task, observed: Observations, seed: int) -> Array:
     rng, n = np.random.default_rng(seed), len(observed.joints)
     rms = observed.rms
     size = np.where(rms > 0, 1 / np.sqrt(np.where(rms > 0, rms, 1.0)), 0.0)  # similar kinetic energy of all joints
-    at = np.sort(rng.choice(len(observed), min(POSES, len(observed)), replace=False))
-    single, mixed = np.tile(np.diag(size), (len(at), 1)), rng.standard_normal((len(at) * DIRECTIONS, n)) * size
-    q = np.concatenate([observed.q[at].repeat(n, axis=0), observed.q[at].repeat(DIRECTIONS, axis=0)])
+    at = np.sort(rng.choice(len(observed), min(KINETIC_POSES, len(observed)), replace=False))
+    single, mixed = np.tile(np.diag(size), (len(at), 1)), rng.standard_normal((len(at) * KINETIC_VELOCITIES, n)) * size
+    q = np.concatenate([observed.q[at].repeat(n, axis=0), observed.q[at].repeat(KINETIC_VELOCITIES, axis=0)])
     return kinetic_rows(task, q, np.concatenate([single, mixed]))
 
 
@@ -93,7 +93,7 @@ class PhysicalCone(Frozen):
         rows = rows[~np.any((rows != 0) & (size == 0), axis=1)]
         moved = rows @ problem.back
         length = np.linalg.norm(moved, axis=1)
-        kept = length > ZERO_ROW * (np.abs(rows) @ size)
+        kept = length > ZERO_ROW_LENGTH * (np.abs(rows) @ size)
         unit = moved[kept] / length[kept, None]
         distinct = np.unique(np.round(unit, 9), axis=0, return_index=True)[1]
         return cls(unit[np.sort(distinct)])
@@ -106,7 +106,7 @@ class PhysicalCone(Frozen):
 
         Source: the dual, non-negative least squares: Lawson, Hanson, Solving Least Squares Problems, 1974, chapter 23.
         """
-        least = INSIDE * float(np.linalg.norm(z))
+        least = CONE_TOLERANCE * float(np.linalg.norm(z))
         near, active = z, np.zeros(len(self.rows), dtype=bool)
         for _ in range(len(self.rows)):
             violated = (self.rows @ near < -least) & ~active
@@ -125,9 +125,9 @@ def _multipliers(rows: Array, z: Array) -> Array:
     from scipy.optimize import lsq_linear, nnls
 
     try:
-        return np.asarray(nnls(rows.T, -z, maxiter=ROUNDS * len(rows))[0])
+        return np.asarray(nnls(rows.T, -z, maxiter=BVLS_ROUNDS * len(rows))[0])
     except RuntimeError:  # too many iterations
-        found = np.maximum(lsq_linear(rows.T, -z, (0, np.inf), method="bvls", max_iter=ROUNDS * len(rows)).x, 0.0)
+        found = np.maximum(lsq_linear(rows.T, -z, (0, np.inf), method="bvls", max_iter=BVLS_ROUNDS * len(rows)).x, 0.0)
     step = rows.T @ found
     return np.asarray(found * max(-float(step @ z), 0.0) / max(float(step @ step), 1e-300))
 
@@ -180,8 +180,8 @@ def branch(
     below = problem.loss(incumbent.signs) + window
     tree = _Tree(problem, cuts, z, below)
     while tree.level < problem.count and len(tree.sums):
-        spent = tree.nodes >= budget.nodes or time_is_up(SEARCH)
-        tree.grow(min(FEW, budget.width) if spent else budget.width)
+        spent = tree.nodes >= budget.nodes or time_is_up(SIGN_SEARCH)
+        tree.grow(min(SPENT_WIDTH, budget.width) if spent else budget.width)
     leaves = tree.leaves()
     losses = bounds(problem, leaves, cuts)
     kept = np.argsort(losses, kind="stable")[: int(np.sum(losses <= below))]
@@ -217,7 +217,7 @@ class _Relaxed(NamedTuple):
         own, planes = self._half(sums.T), self._half(cuts)
         gram, inner = planes.T @ planes, planes.T @ own
         prices = np.zeros(inner.shape)
-        for _ in range(SWEEPS):
+        for _ in range(CUT_SWEEPS):
             for k, row in enumerate(gram):
                 prices[k] = np.maximum(prices[k] + (inner[k] - row @ prices) / row[k], 0.0)
         own -= planes @ prices
@@ -238,11 +238,11 @@ class _Tree:
         self.order = _branching_order(problem, z)
         self.cuts = cuts
         self.energy = float(problem.energies.sum())
-        self.below = below - ROUNDING * self.energy
+        self.below = below - LOSS_ROUNDING * self.energy
         self.one_sided = problem.anchored or not cuts.shape[1]  # the first segment has sign +1 only
         self.b = problem.projections[:, self.order]
         self.least = 1e-16 * max(self.energy, 1e-280)
-        self.high = (1 + MARGIN) * problem.energies[self.order] + self.least
+        self.high = (1 + HEIGHT_MARGIN) * problem.energies[self.order] + self.least
         self.heights, self.touching = self.high.copy(), np.abs(self.b.T @ z) + self.least
         self.sums = np.zeros((1, len(self.b)))  # (W, r) g
         self.floors = np.zeros(1)
@@ -282,7 +282,7 @@ class _Tree:
     def _fitted(self, sums: Array) -> _Relaxed:
         """Parabolas after an ascent of the mean bound over some nodes."""
         later = self.b[:, self.level :]
-        some = sums[np.unique(np.linspace(0, len(sums) - 1, SAMPLE).astype(int))]
+        some = sums[np.unique(np.linspace(0, len(sums) - 1, PARABOLA_NODES).astype(int))]
         best = _relax(later, self.heights[self.level :]) or _relax(later, self.high[self.level :])
         assert best is not None, "parabolas as high as the energies leave M positive definite"
         value = float(best.floors(self.energy, some, self.cuts).mean())
@@ -323,4 +323,4 @@ def _relax(later: Array, heights: Array) -> _Relaxed | None:
         factor = cholesky(np.eye(len(later)) - scaled @ scaled.T, lower=True, check_finite=False)
     except LinAlgError:
         return None
-    return _Relaxed(heights, factor) if np.diag(factor).min(initial=1.0) > PIVOT else None
+    return _Relaxed(heights, factor) if np.diag(factor).min(initial=1.0) > MIN_PIVOT else None

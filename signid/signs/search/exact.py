@@ -11,27 +11,27 @@ import numpy as np
 from ...deadline import show_step, time_is_up
 from ...types import Array, Frozen, Indices
 from ..result import SignProof
-from .branch_and_bound import BUDGET, ROUNDING, SEARCH, Incumbent, PhysicalCone, TreeBudget, bounds, branch
+from .branch_and_bound import BUDGET, LOSS_ROUNDING, SIGN_SEARCH, Incumbent, PhysicalCone, TreeBudget, bounds, branch
 from .problem import SignProblem, certify
 
-STARTS = 150  # logs: a single start reaches the optimum in 2 to 60 % of the cases
-VECTORS = 3  # leading singular vectors of B, and of B with unit columns, used as starts; heuristic
-PAIRED = 12  # best different local optima that are continued with flips of pairs; heuristic
-LEAST = 1e-12  # [total energy] smallest gain of a flip; rounding
-TURNS = 20  # [flips per segment] at most, since rounding errors could go on for ever; heuristic
-CUTS = 64  # half-spaces kept, since each bound costs a sweep over them; heuristic
-WORTH = 0.9  # [squared distance] a half-space is kept where those before it give a lower bound below; heuristic
-NARROW = 200  # [nodes per level] of the first trees; ten times as many once they give nothing new; heuristic
-PATTERNS = 9  # [groups of segments] up to which all patterns of flips are tried: 2^8 patterns; heuristic
-SCORED = 500  # [leaves per tree] whose distance from the cone is computed, about 1 ms each; heuristic
-NEAR = TreeBudget(width=1000)  # of the enumeration of rivals; its width also limits the distances computed; heuristic
+CLIMB_STARTS = 150  # logs: a single start reaches the optimum in 2 to 60 % of the cases
+START_VECTORS = 3  # leading singular vectors of B, and of B with unit columns, used as starts; heuristic
+PAIRED_OPTIMA = 12  # best different local optima that are continued with flips of pairs; heuristic
+MIN_FLIP_GAIN = 1e-12  # [total energy] smallest gain of a flip; rounding
+MAX_SEGMENT_FLIPS = 20  # [flips per segment] at most, since rounding errors could go on for ever; heuristic
+MAX_CUTS = 64  # half-spaces kept, since each bound costs a sweep over them; heuristic
+MAX_BOUND_SHARE = 0.9  # [squared distance] of bounds by the half-spaces before one that is kept; heuristic
+FIRST_TREE_WIDTH = 200  # [nodes per level] of the first trees; ten times as many once they give nothing new; heuristic
+MAX_PATTERN_GROUPS = 9  # [groups of segments] up to which all patterns of flips are tried: 2^8 patterns; heuristic
+MAX_SCORED_LEAVES = 500  # [leaves per tree] whose distance from the cone is computed, about 1 ms each; heuristic
+RIVALS = TreeBudget(width=1000)  # of the enumeration of rivals; its width also limits the distances computed; heuristic
 
 
 def climb(problem: SignProblem, seed: int = 0) -> Array:
     """The best local optimum (S,) [1] of many starts; a known segment has sign +1."""
-    ends = np.unique(ascend(problem, _starts(problem, seed)), axis=0)
+    ends = np.unique(ascend(problem, _start_signs(problem, seed)), axis=0)
     losses = np.array([problem.loss(signs) for signs in ends])
-    best = np.argsort(losses, kind="stable")[:PAIRED]
+    best = np.argsort(losses, kind="stable")[:PAIRED_OPTIMA]
     ends[best] = ascend(problem, ends[best], pairs=True)
     losses[best] = [problem.loss(signs) for signs in ends[best]]
     return np.asarray(ends[np.argmin(losses)])
@@ -46,10 +46,10 @@ def ascend(problem: SignProblem, starts: Array, joints: bool = True, pairs: bool
     gram = problem.projections.T @ problem.projections
     signs = np.array(starts, dtype=float)
     pull = signs @ gram
-    least = LEAST * float(problem.energies.sum())
+    least = MIN_FLIP_GAIN * float(problem.energies.sum())
     groups = [np.flatnonzero(problem.joints == j) for j in np.unique(problem.joints)]
     active = np.arange(len(signs))
-    for _ in range(TURNS * problem.count):
+    for _ in range(MAX_SEGMENT_FLIPS * problem.count):
         if not len(active):
             break
         _flip_single(gram, signs, pull, least, active)
@@ -62,22 +62,22 @@ def ascend(problem: SignProblem, starts: Array, joints: bool = True, pairs: bool
     return signs * signs[:, -1:] if problem.anchored else signs
 
 
-def _starts(problem: SignProblem, seed: int) -> Array:
+def _start_signs(problem: SignProblem, seed: int) -> Array:
     """(K, S) signs of leading singular vectors of B, plain and with unit columns; of random models; random signs."""
     rng = np.random.default_rng(seed)
     size = np.linalg.norm(problem.projections, axis=0)
     found = [
-        np.linalg.svd(matrix, full_matrices=False)[2][:VECTORS]
+        np.linalg.svd(matrix, full_matrices=False)[2][:START_VECTORS]
         for matrix in (problem.projections, problem.projections / np.maximum(size, 1e-300))
     ]
-    left = STARTS - 2 * VECTORS
+    left = CLIMB_STARTS - 2 * START_VECTORS
     models = rng.normal(size=(left - left // 2, len(problem.projections))) @ problem.projections
     return np.where(np.concatenate([*found, models, rng.normal(size=(left // 2, problem.count))]) >= 0, 1.0, -1.0)
 
 
 def _flip_single(gram: Array, signs: Array, pull: Array, least: float, active: Indices) -> None:
     size = np.diag(gram)
-    for _ in range(TURNS * len(size)):
+    for _ in range(MAX_SEGMENT_FLIPS * len(size)):
         if not len(active):
             break
         gain = size - signs[active] * pull[active]  # a quarter of the gain of |B s|^2
@@ -128,7 +128,7 @@ class Scores:
         self, problem: SignProblem, cone: PhysicalCone | None, limit: float | None = None, cuts: Array | None = None
     ) -> None:
         self.problem, self.cone, self._limit = problem, cone, limit
-        self.same = ROUNDING * float(problem.energies.sum())
+        self.same = LOSS_ROUNDING * float(problem.energies.sum())
         self.cuts = np.zeros((len(problem.projections), 0)) if cuts is None else cuts
         self.best, self.signs, self.coordinates = np.inf, np.zeros(0), np.zeros(0)
         self._seen: dict[bytes, float] = {}
@@ -183,7 +183,7 @@ class Scores:
         self._seen[key] = loss + squared
         if loss + squared < self.best:
             self.best, self.signs, self.coordinates = loss + squared, np.array(signs), nearest
-        if squared > self.same and bound < WORTH * squared and self.cuts.shape[1] < CUTS:
+        if squared > self.same and bound < MAX_BOUND_SHARE * squared and self.cuts.shape[1] < MAX_CUTS:
             self.cuts = np.column_stack([self.cuts, (z - nearest) / np.linalg.norm(z - nearest)])
         return True
 
@@ -236,12 +236,12 @@ def search_signs(
     free = Scores(problem, None)
     free.add(tries)
     lower, certified = certify(problem, free.signs)
-    lower, nodes = _prove(free, (), free.best if certified else lower, budget)
+    lower, nodes = _prove_bound(free, (), free.best if certified else lower, budget)
     scores = free
     if cone is not None:
         scores = Scores(problem, cone)
         scores.add(np.concatenate([free.signs[None], tries]))
-        lower, more = _prove(scores, moves, lower, budget)
+        lower, more = _prove_bound(scores, moves, lower, budget)
         nodes += more
     attained = scores.attained()
     optimal = attained and scores.best - lower <= scores.same
@@ -251,7 +251,7 @@ def search_signs(
 
 
 def enumerate_near(
-    problem: SignProblem, cone: PhysicalCone | None, solution: SignSolution, window: float, budget: TreeBudget = NEAR
+    problem: SignProblem, cone: PhysicalCone | None, solution: SignSolution, window: float, budget: TreeBudget = RIVALS
 ) -> RivalSigns:
     """List all signs whose loss exceeds that of a solution by at most a window; the best ones if there are too many.
 
@@ -268,21 +268,21 @@ def enumerate_near(
     return RivalSigns(signs[inside], losses[inside], beyond >= limit - scores.same)
 
 
-def _prove(scores: Scores, moves: Sequence[Array], lower: float, budget: TreeBudget) -> tuple[float, int]:
+def _prove_bound(scores: Scores, moves: Sequence[Array], lower: float, budget: TreeBudget) -> tuple[float, int]:
     """Grow trees, each from the best signs and cuts of those before; returns the lower bound proved, and the nodes."""
-    nodes, width = 0, min(NARROW, budget.width)
+    nodes, width = 0, min(FIRST_TREE_WIDTH, budget.width)
     if scores.best - lower > scores.same:
-        _improve(scores, moves)
-    while scores.best - lower > scores.same and nodes < budget.nodes and not time_is_up(SEARCH):
+        _improve_signs(scores, moves)
+    while scores.best - lower > scores.same and nodes < budget.nodes and not time_is_up(SIGN_SEARCH):
         show_step("searching signs", nodes / budget.nodes)
         before = scores.best, scores.cuts.shape[1]
         window = scores.best - scores.problem.loss(scores.signs)
         best = Incumbent(scores.signs, scores.coordinates, scores.cuts)
         tree = branch(scores.problem, best, window, TreeBudget(width, budget.nodes - nodes))
-        rest = min(tree.beyond, scores.add(tree.leaves, SCORED))
+        rest = min(tree.beyond, scores.add(tree.leaves, MAX_SCORED_LEAVES))
         lower = max(lower, min(rest, scores.best))
         nodes += tree.nodes
-        _improve(scores, moves)
+        _improve_signs(scores, moves)
         if (scores.best, scores.cuts.shape[1]) == before:
             if width == budget.width:
                 break
@@ -290,17 +290,17 @@ def _prove(scores: Scores, moves: Sequence[Array], lower: float, budget: TreeBud
     return lower, nodes
 
 
-def _improve(scores: Scores, moves: Sequence[Array]) -> None:
-    """Flip joints, apply moves, flip segments, until the loss no longer falls, for TURNS rounds at most."""
+def _improve_signs(scores: Scores, moves: Sequence[Array]) -> None:
+    """Flip joints, apply moves, flip segments, until the loss no longer falls, for MAX_SEGMENT_FLIPS rounds at most."""
     problem = scores.problem
-    for _ in range(TURNS):
-        if time_is_up(SEARCH):
+    for _ in range(MAX_SEGMENT_FLIPS):
+        if time_is_up(SIGN_SEARCH):
             break
         before = scores.best
-        for starts in (_joint_flips(scores), _moved(scores, moves)):
+        for starts in (_joint_flips(scores), _moved_signs(scores, moves)):
             scores.add(np.concatenate([starts, ascend(problem, starts, joints=False)]))
         flips = 1 - 2 * np.eye(problem.count)[: problem.count - int(problem.anchored)]
-        for _ in range(TURNS * problem.count):
+        for _ in range(MAX_SEGMENT_FLIPS * problem.count):
             start = scores.best
             scores.add(scores.signs * flips)
             if scores.best >= start - scores.same:
@@ -314,7 +314,7 @@ def _joint_flips(scores: Scores) -> Array:
     problem, signs = scores.problem, scores.signs
     groups, at = np.unique(problem.joints, return_inverse=True)  # a known segment is the first group
     count = len(groups)
-    if count <= PATTERNS:
+    if count <= MAX_PATTERN_GROUPS:
         flips = (np.arange(2 ** (count - 1))[:, None] >> np.arange(count - 1)) & 1
         flips = np.column_stack([np.zeros(len(flips), dtype=int), flips])
     else:
@@ -323,7 +323,7 @@ def _joint_flips(scores: Scores) -> Array:
     return np.asarray(signs * (1.0 - 2.0 * flips[:, at]))
 
 
-def _moved(scores: Scores, moves: Sequence[Array]) -> Array:
+def _moved_signs(scores: Scores, moves: Sequence[Array]) -> Array:
     """(K, S) the best signs with those of one joint replaced by, or multiplied by, a move or its opposite."""
     problem, signs, found = scores.problem, scores.signs, []
     for move in moves:

@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ...types import Array, Frozen, Indices
-from ..observations import Observed, Segment
+from ..observations import Observations, Segment
 from ..thresholds import FRICTION_PRIOR, PRIOR_STRENGTH
 
-RANK = 1e-7  # [largest singular value of the scaled rows] smaller ones count as zero; heuristic
-SLACK = 1e-12  # [total energy] negative eigenvalues or losses of this size are rounding errors
+ROW_RANK_TOLERANCE = 1e-7  # [largest singular value of the scaled rows] smaller ones count as zero; heuristic
+ENERGY_ROUNDING = 1e-12  # [total energy] negative eigenvalues or losses of this size are rounding errors
 
 
 class KnownRows(NamedTuple):
@@ -59,8 +59,8 @@ class SignProblem(Frozen):
         return max(float(self.energies.sum() - np.sum(self.coordinates(signs) ** 2)), 0.0)
 
 
-def build_problem(
-    observed: Observed, segments: Sequence[Segment], weights: Array, known: KnownRows | None = None
+def build_sign_problem(
+    observed: Observations, segments: Sequence[Segment], weights: Array, known: KnownRows | None = None
 ) -> SignProblem:
     """Problem of some segments of joints whose torque has no sign, and of the rows `known`.
 
@@ -95,7 +95,7 @@ def eliminate(rows: Sequence[Array], right: Sequence[Array], joints: Sequence[in
     )
 
 
-def signed_rows(observed: Observed, weights: Array) -> KnownRows:
+def signed_rows(observed: Observations, weights: Array) -> KnownRows:
     """Rows of the joints whose torque has its sign, with weights (n,) [1/N.m or 1/N]."""
     joints = np.flatnonzero(observed.known & observed.signed).tolist()
     matrix = [observed.rows(j, observed.steady[:, j]) * weights[j] for j in joints]
@@ -104,13 +104,13 @@ def signed_rows(observed: Observed, weights: Array) -> KnownRows:
     return KnownRows(np.concatenate([nothing, *matrix]), np.concatenate([np.zeros(0), *target]))
 
 
-def known_rows(observed: Observed, weights: Array) -> KnownRows:
+def known_rows(observed: Observations, weights: Array) -> KnownRows:
     """Known rows with weights (n,) [1/N.m or 1/N]: joints whose torque has its sign, and the friction prior."""
     parts = [signed_rows(observed, weights), friction_prior(observed, weights)]
     return KnownRows(np.concatenate([p.matrix for p in parts]), np.concatenate([p.target for p in parts]))
 
 
-def friction_prior(observed: Observed, weights: Array, strength: float = PRIOR_STRENGTH) -> KnownRows:
+def friction_prior(observed: Observations, weights: Array, strength: float = PRIOR_STRENGTH) -> KnownRows:
     """Prior rows for offset, Coulomb and viscous friction of joints whose torque has no sign.
 
     A row exists for each base parameter that is one of these coefficients alone, in units of the joint's rms torque and
@@ -129,7 +129,7 @@ def friction_prior(observed: Observed, weights: Array, strength: float = PRIOR_S
     return KnownRows(np.concatenate(matrix), np.array(target))
 
 
-def friction_patterns(problem: SignProblem, observed: Observed, segments: Sequence[Segment]) -> list[Array]:
+def friction_patterns(problem: SignProblem, observed: Observations, segments: Sequence[Segment]) -> list[Array]:
     """Per joint, the signs (S,) of the mean velocity in its segments; 0 in segments of other joints [1].
 
     The search tries the signs of a joint as this pattern, as its opposite, and multiplied by it: Coulomb friction F
@@ -146,11 +146,11 @@ def orthonormalise(rows: Array) -> tuple[Array, Array]:
     size[size < 1e-12 * max(float(size.max(initial=0.0)), 1e-300)] = np.inf
     q, r = np.linalg.qr(rows / size)
     left, singular, right = np.linalg.svd(r)
-    rank = int(np.sum(singular > RANK * singular[0]))
+    rank = int(np.sum(singular > ROW_RANK_TOLERANCE * singular[0]))
     return q @ left[:, :rank], (right[:rank].T / singular[:rank]) / size[:, None]
 
 
-def _steady_samples(observed: Observed, segment: Segment) -> Indices:
+def _steady_samples(observed: Observations, segment: Segment) -> Indices:
     at = np.arange(segment.start, segment.stop)
     steady = at[observed.steady[at, segment.joint]]
     return steady if len(steady) else at
@@ -179,5 +179,5 @@ def certify(problem: SignProblem, signs: Array) -> Certificate:
     smallest = float(eigvalsh(slack, subset_by_index=[0, 0], check_finite=False)[0])
     loss, short = problem.loss(signs), problem.count * max(0.0, -smallest)
     return Certificate(
-        max(loss - short, 0.0), min(loss, short / problem.count) <= SLACK * float(problem.energies.sum())
+        max(loss - short, 0.0), min(loss, short / problem.count) <= ENERGY_ROUNDING * float(problem.energies.sum())
     )

@@ -23,36 +23,36 @@ from .families import (
     check_duration,
     check_rows,
     column_sizes,
-    combine,
+    combine_basis,
     fit_inside,
     random_parameters,
     steady,
 )
 from .limits import Limits, build_limits
-from .problem import Excitation, ExcitationProblem, budget_notes, build_problem, usual_laws
+from .problem import Excitation, ExcitationProblem, budget_notes, build_design, usual_laws
 
-SEARCH = "the search for a motion"
-GRID = 0.01  # [s] grid on which motions are scaled to their limits
-ALGORITHM = "LD_SLSQP"  # continues at kinks of the cost (contact, reversals), where LD_LBFGS fails
-BOX = 2.5  # [1] bound of z; a parameter alone meets a limit at 1
-SPARE = 0.02  # [m] extra clearance, since the search uses few samples
-FEW = 6  # joints up to which the default budget is larger
-FIRM = 30.0  # [1] factor on the penalty in the last stage
-FINE = 1e-3  # [s] grid on which limits are checked
-NEAR = 5e-3  # [s] grid on which distances between links are checked
-COARSE = 100  # [multiples of FINE] grid of a first check of these distances
-HALVINGS = 8  # bisection steps of the scale of the motion
-SLACK = 1e-9  # [1] rounding of a share of a limit
-RANDOM = "random"  # kind of motion without a search
-CLEARANCE = 0.01  # [m] smallest distance between links
-WAVES = 500  # largest number of periods of the fastest harmonic
-PER_PERIOD = 12  # samples of the search per period of the fastest harmonic
-KEPT = 0.95  # [1] scale of the motion that keeps all limits, below which it is flagged
+MOTION_SEARCH = "the search for a motion"
+SCALING_STEP = 0.01  # [s] grid on which motions are scaled to their limits
+DESIGN_ALGORITHM = "LD_SLSQP"  # continues at kinks of the cost (contact, reversals), where LD_LBFGS fails
+Z_BOUND = 2.5  # [1] bound of z; a parameter alone meets a limit at 1
+EXTRA_GAP = 0.02  # [m] extra clearance, since the search uses few samples
+SMALL_ROBOT_JOINTS = 6  # joints up to which the default budget is larger
+LAST_PENALTY_FACTOR = 30.0  # [1] factor on the penalty in the last stage
+LIMIT_CHECK_STEP = 1e-3  # [s] grid on which limits are checked
+CLEARANCE_CHECK_STEP = 5e-3  # [s] grid on which distances between links are checked
+FIRST_CHECK_MULTIPLE = 100  # [multiples of LIMIT_CHECK_STEP] grid of a first check of these distances
+SCALE_HALVINGS = 8  # bisection steps of the scale of the motion
+LIMIT_ROUNDING = 1e-9  # [1] rounding of a share of a limit
+RANDOM_KIND = "random"  # kind of motion without a search
+MIN_CLEARANCE = 0.01  # [m] smallest distance between links
+MAX_HARMONIC_PERIODS = 500  # largest number of periods of the fastest harmonic
+SAMPLES_PER_PERIOD = 12  # samples of the search per period of the fastest harmonic
+MIN_UNFLAGGED_SCALE = 0.95  # [1] scale of the motion that keeps all limits, below which it is flagged
 PENALTY = 100.0  # [1] on the mean square excess over a limit; the criterion is the log of a standard deviation
-STEPS = np.array([1e-6, 1e-6, 1e-3])  # [rad, rad/s, rad/s2] steps of the regressor's numerical derivatives
-REVERSAL = 0.03  # [1] speed over its limit below which the direction of friction is smoothed, for a gradient
-FLOOR = 1e-13  # [1] smallest eigenvalue over the largest; smaller ones are zero up to rounding
-SHARP = 4  # power of the power means that smooth the extreme eigenvalues
+REGRESSOR_STEPS = np.array([1e-6, 1e-6, 1e-3])  # [rad, rad/s, rad/s2] steps of the regressor's numerical derivatives
+SLOW_SHARE = 0.03  # [1] speed over its limit below which the direction of friction is smooth, for a gradient
+MIN_EIGENVALUE_SHARE = 1e-13  # [1] smallest eigenvalue over the largest; smaller ones are zero up to rounding
+MEAN_POWER = 4  # power of the power means that smooth the extreme eigenvalues
 Criterion = Callable[[Array], tuple[float, Array]]
 
 
@@ -69,7 +69,7 @@ class Budget:
     @classmethod
     def usual(cls, joints: int) -> Budget:
         """Default budget for a number of joints: about half a minute for six or seven."""
-        return cls(starts=8, long=700) if joints <= FEW else cls()
+        return cls(starts=8, long=700) if joints <= SMALL_ROBOT_JOINTS else cls()
 
     @property
     def total(self) -> int:
@@ -85,7 +85,7 @@ class FoundMotion(Frozen):
     spent: bool  # whether the budget ended the search before an optimum
 
 
-def search(cost: ExcitationCost, budget: Budget, seed: int, progress: Progress | None = None) -> FoundMotion:
+def search_motion(cost: ExcitationCost, budget: Budget, seed: int, progress: Progress | None = None) -> FoundMotion:
     """Search for the motion of least cost; the last stage has firm penalties, so that limits are nearly obeyed.
 
     The global stage are local searches from the best random motions. In 63 dimensions and 500 evaluations NLopt's
@@ -93,10 +93,10 @@ def search(cost: ExcitationCost, budget: Budget, seed: int, progress: Progress |
 
     Source: multi-start as in Rinnooy Kan, Timmer, Mathematical Programming 39, 1987.
     """
-    watched = _Watched(cost, budget, progress)
+    watched = _WatchedSearch(cost, budget, progress)
     rng, limits = np.random.default_rng(seed), cost.problem.limits
-    fine = cost.family.basis(np.arange(0, cost.t[-1], GRID))
-    pool = [np.clip(cost.relative(random_parameters(fine, limits, rng)), -BOX, BOX) for _ in range(budget.pool)]
+    fine = cost.family.basis(np.arange(0, cost.t[-1], SCALING_STEP))
+    pool = [np.clip(cost.relative(random_parameters(fine, limits, rng)), -Z_BOUND, Z_BOUND) for _ in range(budget.pool)]
     ranked = sorted(pool, key=watched.value)
     tried = [watched.improve(z, budget.short, "searching") for z in ranked[: budget.starts]]
     best = watched.improve(min(tried, key=lambda end: end.value).x, budget.long, "improving")
@@ -107,15 +107,15 @@ def search(cost: ExcitationCost, budget: Budget, seed: int, progress: Progress |
 
 def enforce_limits(cost: ExcitationCost, x: Array, budget: Budget, progress: Progress | None = None) -> FoundMotion:
     """Last stage of a search, from x (n, d) [rad or m]: minimise the cost with firm penalties."""
-    firm = replace(cost, penalty=FIRM * cost.penalty)
-    watched = _Watched(firm, budget, progress, budget.total - budget.firm)
-    best = watched.improve(np.clip(cost.relative(x), -BOX, BOX), budget.firm, "settling")
-    fine = cost.family.basis(np.arange(0, cost.t[-1], GRID))
+    firm = replace(cost, penalty=LAST_PENALTY_FACTOR * cost.penalty)
+    watched = _WatchedSearch(firm, budget, progress, budget.total - budget.firm)
+    best = watched.improve(np.clip(cost.relative(x), -Z_BOUND, Z_BOUND), budget.firm, "settling")
+    fine = cost.family.basis(np.arange(0, cost.t[-1], SCALING_STEP))
     x = fit_inside(fine, cost.problem.limits, cost.parameters(best.x))
     return FoundMotion(x, watched.count, best.status == "budget")
 
 
-class _Watched:
+class _WatchedSearch:
     """Cost that counts evaluations, reports progress and caches the last value."""
 
     def __init__(self, cost: ExcitationCost, budget: Budget, progress: Progress | None, before: int = 0) -> None:
@@ -125,9 +125,9 @@ class _Watched:
 
     def improve(self, z: Array, evaluations: int, stage: str) -> Optimum:
         """Best point of a local search from z (d,) [1]."""
-        box, self.stage, self.last = np.full(len(z), BOX), stage, (b"", np.inf)
-        problem = Problem(self.value, -box, box, steady(z), self.slope, SEARCH)
-        return OPTIMISERS["nlopt"].minimise(problem, algorithm=ALGORITHM, budget_evaluations=evaluations)
+        box, self.stage, self.last = np.full(len(z), Z_BOUND), stage, (b"", np.inf)
+        problem = Problem(self.value, -box, box, steady(z), self.slope, MOTION_SEARCH)
+        return OPTIMISERS["nlopt"].minimise(problem, algorithm=DESIGN_ALGORITHM, budget_evaluations=evaluations)
 
     def value(self, z: Array) -> float:
         """Cost of z (d,) [1]."""
@@ -160,14 +160,14 @@ def make_feasible(problem: ExcitationProblem, family: Family, x: Array) -> Feasi
     Raises:
         OptionError: even a small motion exceeds a torque limit.
     """
-    t = grid(family.duration, FINE)
+    t = time_grid(family.duration, LIMIT_CHECK_STEP)
     full = fit_inside(family.basis(t), problem.limits, x)
     home = np.zeros_like(full)
     home[:, 0] = problem.home
     best, high, share = FeasibleMotion(home, 0.0, None), 1.0, 1.0
-    for _ in range(HALVINGS):
+    for _ in range(SCALE_HALVINGS):
         tried = home + share * (full - home)
-        ok, distance = _obeys(problem, family, t, tried)
+        ok, distance = _obeys_limits(problem, family, t, tried)
         best, high = (FeasibleMotion(tried, share, distance), high) if ok else (best, share)
         if best.share == high:
             break
@@ -177,23 +177,23 @@ def make_feasible(problem: ExcitationProblem, family: Family, x: Array) -> Feasi
     return best
 
 
-def grid(duration: float, step: float = FINE) -> Array:
+def time_grid(duration: float, step: float = LIMIT_CHECK_STEP) -> Array:
     """Instants (N,) [s] from 0 to the duration [s], at most a step [s] apart."""
     return np.linspace(0, duration, int(np.ceil(duration / step)) + 1)
 
 
-def _obeys(problem: ExcitationProblem, family: Family, t: Array, x: Array) -> tuple[bool, float | None]:
+def _obeys_limits(problem: ExcitationProblem, family: Family, t: Array, x: Array) -> tuple[bool, float | None]:
     """Whether a motion obeys all limits, and the smallest distance between links [m], None without their shapes."""
     shapes, clearance = problem.collision, problem.clearance
     if shapes is not None:  # a coarse grid shows most collisions
-        if shapes.distance(family.basis(t[::COARSE])[0] @ x.T).min() < clearance:
+        if shapes.distance(family.basis(t[::FIRST_CHECK_MULTIPLE])[0] @ x.T).min() < clearance:
             return False, None
     use = problem.use(family.sample(problem.model.robot.joints, x, t))
-    if use.largest > problem.limits.margin + SLACK:
+    if use.largest > problem.limits.margin + LIMIT_ROUNDING:
         return False, None
     if shapes is None:
         return True, None
-    distance = float(shapes.distance(family.basis(grid(float(t[-1]), NEAR))[0] @ x.T).min())
+    distance = float(shapes.distance(family.basis(time_grid(float(t[-1]), CLEARANCE_CHECK_STEP))[0] @ x.T).min())
     return distance >= clearance, distance
 
 
@@ -209,7 +209,7 @@ def excite(
     base_frequency: float | None = None,
     limits: Limits | None = None,
     effects: Sequence[str] = EFFECT_NAMES,
-    clearance: float = CLEARANCE,
+    clearance: float = MIN_CLEARANCE,
     rate: float = 100.0,
     budget: Budget | None = None,
     seed: int = 0,
@@ -244,19 +244,19 @@ def excite(
     """
     model = torque_model(as_model(model, "excite"))
     frequency = 1 / duration if base_frequency is None and duration > 0 else base_frequency or 0.0
-    _check(kind, criterion, rate, duration, harmonics, frequency)
-    family = FAMILIES["fourier" if kind == RANDOM else kind](duration, harmonics, frequency)
+    _check_options(kind, criterion, rate, duration, harmonics, frequency)
+    family = FAMILIES["fourier" if kind == RANDOM_KIND else kind](duration, harmonics, frequency)
     limits = limits or build_limits(model.robot)
-    problem, notes = build_problem(model, usual_laws(model, effects), family, limits, clearance, seed)
-    instants = int(np.ceil(PER_PERIOD * harmonics * frequency * duration))
-    cost = ExcitationCost(problem, CRITERIA[criterion], family, np.linspace(0, duration, instants + 1), PENALTY, SPARE)
+    problem, notes = build_design(model, usual_laws(model, effects), family, limits, clearance, seed)
+    steps = int(np.ceil(SAMPLES_PER_PERIOD * harmonics * frequency * duration))
+    cost = ExcitationCost(problem, CRITERIA[criterion], family, np.linspace(0, duration, steps + 1), PENALTY, EXTRA_GAP)
     budget = budget or Budget.usual(len(model.robot.joints))
-    feasible, found = (_random if kind == RANDOM else _optimised)(cost, budget, seed, progress)
+    feasible, found = (_draw_motion if kind == RANDOM_KIND else _optimise_motion)(cost, budget, seed, progress)
     small = (
         f"the optimised motion was scaled to {feasible.share:.0%} to obey torque limits and distances between links, "
         f"and is no longer optimal; try another seed or a larger budget"
     )
-    fine = family.sample(model.robot.joints, feasible.x, grid(duration))
+    fine = family.sample(model.robot.joints, feasible.x, time_grid(duration))
     trajectory = family.sample(model.robot.joints, feasible.x, at_rate(duration, rate))
     precision = predict_precision(problem, trajectory)
     return Excitation(
@@ -275,38 +275,38 @@ def excite(
         seed=seed,
         evaluations=found.evaluations,
         notes=(*model.robot.notes, *limits.notes, *notes, *budget_notes(found.evaluations if found.spent else 0)),
-        flags=(small,) if feasible.share < KEPT and kind != RANDOM else (),
+        flags=(small,) if feasible.share < MIN_UNFLAGGED_SCALE and kind != RANDOM_KIND else (),
     )
 
 
-def _check(kind: str, criterion: str, rate: float, duration: float, harmonics: int, frequency: float) -> None:
-    if kind not in (kinds := (*FAMILIES, RANDOM)):
+def _check_options(kind: str, criterion: str, rate: float, duration: float, harmonics: int, frequency: float) -> None:
+    if kind not in (kinds := (*FAMILIES, RANDOM_KIND)):
         raise OptionError(f"there is no kind {kind!r} of motion; choose from {', '.join(kinds)}")
     if criterion not in CRITERIA:
         raise OptionError(f"there is no criterion {criterion!r}; choose from {', '.join(CRITERIA)}")
     check_duration(duration, harmonics, frequency)
-    if (waves := duration * frequency * harmonics) > WAVES:
+    if (waves := duration * frequency * harmonics) > MAX_HARMONIC_PERIODS:
         raise OptionError(
-            f"{duration:g} s are {waves:.0f} periods of the fastest harmonic, more than {WAVES}; "
+            f"{duration:g} s are {waves:.0f} periods of the fastest harmonic, more than {MAX_HARMONIC_PERIODS}; "
             f"give a shorter duration, fewer harmonics or a lower base frequency"
         )
     check_rows(duration, rate)
 
 
-def _random(
+def _draw_motion(
     cost: ExcitationCost, budget: Budget, seed: int, progress: Progress | None
 ) -> tuple[FeasibleMotion, FoundMotion]:
     """Random motion within all limits."""
-    fine = cost.family.basis(np.arange(0, cost.family.duration, GRID))
+    fine = cost.family.basis(np.arange(0, cost.family.duration, SCALING_STEP))
     x = random_parameters(fine, cost.problem.limits, np.random.default_rng(seed))
     return make_feasible(cost.problem, cost.family, x), FoundMotion(x, 1, spent=False)
 
 
-def _optimised(
+def _optimise_motion(
     cost: ExcitationCost, budget: Budget, seed: int, progress: Progress | None
 ) -> tuple[FeasibleMotion, FoundMotion]:
     """Best motion within all limits; if it had to shrink, its last stage is repeated with twice as many instants."""
-    found = search(cost, budget, seed, progress)
+    found = search_motion(cost, budget, seed, progress)
     feasible = make_feasible(cost.problem, cost.family, found.x)
     if feasible.share == 1:
         return feasible, found
@@ -349,9 +349,9 @@ def condition(information: Array) -> tuple[float, Array]:
     Source: Gautier, Khalil, Int. J. Robotics Research 11(4), 1992; smoothed by power means of the eigenvalues.
     """
     values, vectors = _spectrum(information)
-    large, small = (values / values[-1]) ** SHARP, (values[0] / values) ** SHARP
+    large, small = (values / values[-1]) ** MEAN_POWER, (values[0] / values) ** MEAN_POWER
     top, low = large.sum(), small.sum()
-    cost = (np.log(values[-1] / values[0]) + np.log(top * low) / SHARP) / 2
+    cost = (np.log(values[-1] / values[0]) + np.log(top * low) / MEAN_POWER) / 2
     slope = (large / top - small / low) / values / 2
     return float(cost), (vectors * slope) @ vectors.T
 
@@ -361,7 +361,7 @@ CRITERIA: dict[str, Criterion] = {"determinant": determinant, "condition": condi
 
 def _spectrum(information: Array) -> tuple[Array, Array]:
     values, vectors = np.linalg.eigh(information)
-    return np.maximum(values, FLOOR * max(values[-1], 1e-300)), vectors
+    return np.maximum(values, MIN_EIGENVALUE_SHARE * max(values[-1], 1e-300)), vectors
 
 
 @dataclass(frozen=True, eq=False)
@@ -405,7 +405,7 @@ class ExcitationCost(Frozen):
 
     def value(self, z: Array) -> float:
         """Cost of z (n * d,) [1]."""
-        states = combine(self.basis, self.parameters(z))
+        states = combine_basis(self.basis, self.parameters(z))
         rows = self._rows(states)
         cost = self.criterion(self.problem.information(rows) / len(self.t))[0]
         return cost + self.penalty * (self._excess(states)[0] + self._overload(rows)[0] + self._contact(states)[0])
@@ -413,11 +413,11 @@ class ExcitationCost(Frozen):
     def value_and_slope(self, z: Array) -> tuple[float, Array]:
         """Cost of z (n * d,) [1], and its gradient (n * d,) [1] by differences of the rows at every sample."""
         n, count = self.sizes.shape[0], len(self.t)
-        states = combine(self.basis, self.parameters(z))
+        states = combine_basis(self.basis, self.parameters(z))
         near = np.repeat(states[:, None], 1 + 3 * n, axis=1)  # (3, 1 + 3 n, N, n)
         for k in range(3):
             for j in range(n):
-                near[k, 1 + k * n + j, :, j] += STEPS[k]
+                near[k, 1 + k * n + j, :, j] += REGRESSOR_STEPS[k]
         shifted = self._rows(near.reshape(3, -1, n))
         rows = [x[:count] for x in shifted]
         cost, slope = self.criterion(self.problem.information(rows) / count)
@@ -430,7 +430,7 @@ class ExcitationCost(Frozen):
             weight = 2 / count * x0 @ slope[np.ix_(seen, seen)] + self.penalty * load
             each = x.reshape(-1, count, x.shape[1])
             moved = np.einsum("sim,im->si", each[1:] - each[0], weight)  # differences first: no rounding of the weight
-            change = moved.reshape(3, n, count) / STEPS[:, None, None]
+            change = moved.reshape(3, n, count) / REGRESSOR_STEPS[:, None, None]
             by_state += change.transpose(0, 2, 1)
         by_parameter = np.einsum("kid,kij->jd", self.basis, by_state) * self.sizes
         return cost + self.penalty * (excess + overload + contact), by_parameter.ravel()
@@ -438,7 +438,7 @@ class ExcitationCost(Frozen):
     def _rows(self, states: Array) -> list[Array]:
         """Rows of states (3, M, n), whose times repeat the samples."""
         t = np.resize(self.t, states.shape[1])
-        return self.problem.rows(t, states[0], states[1], states[2], slow=REVERSAL * self.problem.limits.velocity)
+        return self.problem.rows(t, states[0], states[1], states[2], slow=SLOW_SHARE * self.problem.limits.velocity)
 
     def _excess(self, states: Array) -> tuple[float, Array]:
         """Mean square excess over position, velocity and acceleration limits; gradient (3, N, n)."""

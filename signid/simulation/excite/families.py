@@ -16,13 +16,13 @@ from .limits import Limits, build_limits
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-DEPENDENT = 1e-7  # [1] length below which a projected vector is a combination of those before it
-DEGREE = 5  # of splines: all derivatives up to the fourth are continuous
-MANY = 40  # largest number of harmonics
-LONGEST = 3600.0  # duration of a motion [s]
-MOST_ROWS = 5e6  # [rows] of a motion; heuristic: memory
-FREQUENCY, HARMONICS = 0.1, 5  # [Hz] lowest frequency and number of harmonics of `rest_to_rest_motion`
-AMPLITUDE = (0.3, 0.8)  # [1] smallest and largest share of the limits that it uses
+MAX_DEPENDENT_LENGTH = 1e-7  # [1] length below which a projected vector is a combination of those before it
+SPLINE_DEGREE = 5  # of splines: all derivatives up to the fourth are continuous
+MAX_HARMONICS = 40  # largest number of harmonics
+MAX_DURATION = 3600.0  # duration of a motion [s]
+MAX_MOTION_ROWS = 5e6  # [rows] of a motion; heuristic: memory
+REST_TO_REST_FREQUENCY, REST_TO_REST_HARMONICS = 0.1, 5  # [Hz] lowest; number of harmonics
+REST_TO_REST_SHARES = (0.3, 0.8)  # [1] smallest and largest share of the limits that it uses
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Family(ABC):
 
     def sample(self, joints: tuple[str, ...], x: Array, t: Array) -> Trajectory:
         """Motion of parameters x (n, d) [rad or m] at t (N,) [s]."""
-        q, v, a = combine(self.basis(t), x)
+        q, v, a = combine_basis(self.basis(t), x)
         return Trajectory(joints, t, q, v, a)
 
 
@@ -68,7 +68,7 @@ class Fourier(Family):
         raw = self._series(np.asarray(t, float))
         constant = np.zeros((3, len(raw[0]), 1))
         constant[0] = 1
-        return np.concatenate([constant, combine(raw, self._free.T)], axis=2)
+        return np.concatenate([constant, combine_basis(raw, self._free.T)], axis=2)
 
     def _series(self, t: Array) -> Array:
         """Columns (3, N, 2 L) of a_1..a_L, b_1..b_L."""
@@ -108,7 +108,7 @@ class Spline(Family):
 
     @property
     def size(self) -> int:
-        return self.pieces + DEGREE - 4
+        return self.pieces + SPLINE_DEGREE - 4
 
     def basis(self, t: Array) -> Array:
         t = np.clip(np.asarray(t, float), 0.0, self.duration)
@@ -119,18 +119,18 @@ class Spline(Family):
         from scipy.interpolate import BSpline
 
         inner = np.linspace(0.0, self.duration, self.pieces + 1)
-        knots = np.concatenate([np.zeros(DEGREE), inner, np.full(DEGREE, self.duration)])
-        control = np.zeros((self.pieces + DEGREE, self.size))
+        knots = np.concatenate([np.zeros(SPLINE_DEGREE), inner, np.full(SPLINE_DEGREE, self.duration)])
+        control = np.zeros((self.pieces + SPLINE_DEGREE, self.size))
         control[:, 0] = 1
         control[3:-3, 1:-1] = np.eye(self.size - 2)
         control[-3:, -1] = 1
-        return BSpline(knots, control, DEGREE)
+        return BSpline(knots, control, SPLINE_DEGREE)
 
 
 FAMILIES = {"fourier": Fourier, "spline": Spline}
 
 
-def combine(basis: Array, x: Array) -> Array:
+def combine_basis(basis: Array, x: Array) -> Array:
     """Motions (..., N, n) of parameters x (n, d) in a basis (..., N, d) [units of the basis times those of x].
 
     The same bytes for every BLAS kernel: matrix products would sum in the order of the kernel.
@@ -171,7 +171,7 @@ def _append_orthonormal(found: list[Array], vector: Array) -> None:
         for other in found:
             vector = vector - np.sum(other * vector) * other
     size = np.sqrt(np.sum(vector**2))
-    if size > DEPENDENT:
+    if size > MAX_DEPENDENT_LENGTH:
         found.append(vector / size)
 
 
@@ -222,8 +222,8 @@ def random_parameters(
     n, d = len(limits.lower), basis.shape[2]
     x = np.zeros((n, d))
     x[:, 1:] = rng.uniform(-1, 1, (n, d - 1)) * column_sizes(basis, limits)[:, 1:]
-    x *= rng.uniform(*amplitude, (n, 1)) * _room(basis, limits, x)[:, None]
-    q = combine(basis[0], x)
+    x *= rng.uniform(*amplitude, (n, 1)) * _scale_room(basis, limits, x)[:, None]
+    q = combine_basis(basis[0], x)
     least, most = limits.middle - limits.half - q.min(0), limits.middle + limits.half - q.max(0)
     x[:, 0] += least + rng.uniform(0, 1, n) * np.maximum(most - least, 0)
     return x
@@ -235,8 +235,8 @@ def fit_inside(basis: Array, limits: Limits, x: Array) -> Array:
     Every joint is scaled and shifted separately, and only as far as needed, on a basis (3, N, d) [1, 1/s, 1/s2].
     """
     scaled = x.copy()
-    scaled[:, 1:] *= np.minimum(_room(basis, limits, x), 1.0)[:, None]
-    moved = combine(basis[0, :, 1:], scaled[:, 1:])
+    scaled[:, 1:] *= np.minimum(_scale_room(basis, limits, x), 1.0)[:, None]
+    moved = combine_basis(basis[0, :, 1:], scaled[:, 1:])
     least, most = limits.middle - limits.half - moved.min(0), limits.middle + limits.half - moved.max(0)
     scaled[:, 0] = np.clip(x[:, 0], least, np.maximum(least, most))
     return scaled
@@ -261,8 +261,8 @@ def check_duration(duration: float, harmonics: int, frequency: float) -> None:
             f"{duration:g} s are shorter than one period of the base frequency {frequency:g} Hz; "
             f"give a duration of at least {1 / frequency:.4g} s, or a base frequency of at least {1 / duration:.4g} Hz"
         )
-    if not 1 <= harmonics <= MANY:
-        raise OptionError(f"the number of harmonics is {harmonics}; give 1 to {MANY}")
+    if not 1 <= harmonics <= MAX_HARMONICS:
+        raise OptionError(f"the number of harmonics is {harmonics}; give 1 to {MAX_HARMONICS}")
 
 
 def check_rows(duration: float, rate: float) -> None:
@@ -271,10 +271,10 @@ def check_rows(duration: float, rate: float) -> None:
     Raises:
         OptionError: the duration [s] is too long, or the rate [Hz] is not positive or gives too many rows.
     """
-    if duration > LONGEST:
-        raise OptionError(f"the duration is {duration:g} s; give at most {LONGEST:g} s, and repeat the motion")
-    if not 0 < rate <= MOST_ROWS / duration:
-        fault = f"{duration:g} s at {rate:g} Hz are not between 1 and {MOST_ROWS:.0e} rows"
+    if duration > MAX_DURATION:
+        raise OptionError(f"the duration is {duration:g} s; give at most {MAX_DURATION:g} s, and repeat the motion")
+    if not 0 < rate <= MAX_MOTION_ROWS / duration:
+        fault = f"{duration:g} s at {rate:g} Hz are not between 1 and {MAX_MOTION_ROWS:.0e} rows"
         raise OptionError(f"{fault}; the rate of the file must be positive, and lower than that")
 
 
@@ -283,9 +283,9 @@ def at_rate(duration: float, rate: float) -> Array:
     return np.asarray(np.arange(int(duration * rate + 1e-9) + 1) / rate)
 
 
-def _room(basis: Array, limits: Limits, x: Array) -> Array:
+def _scale_room(basis: Array, limits: Limits, x: Array) -> Array:
     """Factors (n,) by which the moving part of x may be scaled until a limit is met."""
-    q, v, a = combine(basis[:, :, 1:], x[:, 1:])
+    q, v, a = combine_basis(basis[:, :, 1:], x[:, 1:])
     peaks = np.array([np.ptp(q, axis=0) / 2, *np.abs([v, a]).max(1)]) / limits.allowed
     return np.asarray(1 / np.maximum(peaks.max(0), 1e-300))
 
@@ -293,9 +293,9 @@ def _room(basis: Array, limits: Limits, x: Array) -> Array:
 def rest_to_rest_motion(robot: Robot, duration: float, step: float, seed: int) -> Trajectory:
     """Random Fourier series from rest to rest, within all limits except torque, sampled at a step [s]."""
     t = np.asarray(np.arange(round(duration / step) + 1) * step, dtype=np.float64)
-    frequency = max(FREQUENCY, 1 / duration)
-    check_duration(duration, HARMONICS, frequency)
-    family = Fourier(duration, HARMONICS, frequency)
+    frequency = max(REST_TO_REST_FREQUENCY, 1 / duration)
+    check_duration(duration, REST_TO_REST_HARMONICS, frequency)
+    family = Fourier(duration, REST_TO_REST_HARMONICS, frequency)
     coarse = family.basis(t[:: max(1, len(t) // 2000)])
-    x = random_parameters(coarse, build_limits(robot), np.random.default_rng(seed), AMPLITUDE)
+    x = random_parameters(coarse, build_limits(robot), np.random.default_rng(seed), REST_TO_REST_SHARES)
     return family.sample(robot.joints, x, t)

@@ -15,15 +15,15 @@ from ...robot.description.document import parse
 from ...robot.locate import find_mesh
 from ...types import Array, Frozen, Mask, Robot
 
-POSTURES = 200  # random postures for statistics of the distances
-SPARED = 0.25  # [1] largest extra clearance of a pair, over its median distance beyond the clearance
-ALWAYS = 0.5  # [1] share of the postures in which a pair is too near, above which its shapes overlap by design
-MARGIN = 0.95  # [1] share of every limit that a motion may use
-RANGE = (np.pi, 0.5)  # [rad], [m] default position limit on either side of zero
-SPEED = (2.0, 0.25)  # [rad/s], [m/s] default velocity limit
-RISE = 0.25  # [s] time to reach the velocity limit at the default acceleration limit
+DISTANCE_POSTURES = 200  # random postures for statistics of the distances
+MAX_EXTRA_SHARE = 0.25  # [1] largest extra clearance of a pair, over its median distance beyond the clearance
+OVERLAP_SHARE = 0.5  # [1] share of the postures in which a pair is too near, above which its shapes overlap by design
+USED_LIMIT_SHARE = 0.95  # [1] share of every limit that a motion may use
+FREE_RANGE = (np.pi, 0.5)  # [rad], [m] default position limit on either side of zero
+FREE_SPEED = (2.0, 0.25)  # [rad/s], [m/s] default velocity limit
+FREE_RISE_TIME = 0.25  # [s] time to reach the velocity limit at the default acceleration limit
 
-Given = float | Sequence[float] | Array | None
+GivenLimit = float | Sequence[float] | Array | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ class Collision(Frozen):
         beyond the clearance [m], but at most a quarter of a pair's median distance, for links that are always near.
         """
         model, data, placed = self.robot.model, self.robot.model.createData(), self.geometry.createData()
-        wanted = clearance + np.clip(SPARED * (self.usual - clearance), 0, spare)
+        wanted = clearance + np.clip(MAX_EXTRA_SHARE * (self.usual - clearance), 0, spare)
         total, slope = 0.0, np.zeros_like(q)
         for i, where in enumerate(configuration(self.robot, q)):
             pin.computeDistances(model, data, self.geometry, placed, where)
@@ -89,27 +89,27 @@ def build_collision(robot: Robot, limits: Limits, clearance: float, seed: int = 
     if robot.kind != "urdf":
         return None, f"self-collision was not checked: shapes are read from a URDF only, this is {robot.kind.upper()}"
     try:
-        geometry = pin.buildGeomFromUrdfString(robot.model, _placed(robot), pin.GeometryType.COLLISION)
+        geometry = pin.buildGeomFromUrdfString(robot.model, _placed_meshes(robot), pin.GeometryType.COLLISION)
         for item in geometry.geometryObjects:
             if hasattr(item.geometry, "buildConvexRepresentation"):  # a mesh; signed distances need convex shapes
                 item.geometry.buildConvexRepresentation(False)
                 item.geometry = item.geometry.convex
     except Exception as error:  # Pinocchio's exceptions have no common base class
         return None, f"self-collision was not checked: {' '.join(str(error).split())[:200]}"
-    pairs = _pairs(robot, geometry)
+    pairs = _collision_pairs(robot, geometry)
     if not pairs:
         return None, f"self-collision was not checked: {robot.name} has no two shapes that can collide"
-    _keep(geometry, pairs)
-    q = np.random.default_rng(seed).uniform(limits.lower, limits.upper, (POSTURES, len(robot.joints)))
+    _set_pairs(geometry, pairs)
+    q = np.random.default_rng(seed).uniform(limits.lower, limits.upper, (DISTANCE_POSTURES, len(robot.joints)))
     found = Collision(robot, geometry, np.zeros(len(pairs))).distances(q)
-    apart = (found < clearance).mean(0) <= ALWAYS
+    apart = (found < clearance).mean(0) <= OVERLAP_SHARE
     if not apart.any():
         return None, "self-collision was not checked: the shapes overlap by design"
-    _keep(geometry, [pair for pair, free in zip(pairs, apart, strict=True) if free])
+    _set_pairs(geometry, [pair for pair, free in zip(pairs, apart, strict=True) if free])
     return Collision(robot, geometry, np.median(found[:, apart], axis=0)), ""
 
 
-def _placed(robot: Robot) -> str:
+def _placed_meshes(robot: Robot) -> str:
     """URDF with absolute paths of its collision meshes."""
     from lxml import etree
 
@@ -123,13 +123,13 @@ def _placed(robot: Robot) -> str:
     return str(etree.tostring(root, encoding="unicode"))
 
 
-def _keep(geometry: Any, pairs: list[tuple[int, int]]) -> None:
+def _set_pairs(geometry: Any, pairs: list[tuple[int, int]]) -> None:
     geometry.removeAllCollisionPairs()
     for first, second in pairs:
         geometry.addCollisionPair(pin.CollisionPair(first, second))
 
 
-def _pairs(robot: Robot, geometry: Any) -> list[tuple[int, int]]:
+def _collision_pairs(robot: Robot, geometry: Any) -> list[tuple[int, int]]:
     """Pairs of shapes on links that are at least two moving joints apart."""
     model, moves = robot.model, np.asarray(np.any(robot.drive, axis=1))
     body = [0]  # per joint, the first of the joints that are fixed to it
@@ -152,7 +152,7 @@ class Limits(Frozen):
     velocity: Array  # (n,) [rad/s or m/s]
     acceleration: Array  # (n,) [rad/s2 or m/s2]
     torque: Array  # (n,) [N.m or N], inf where none
-    margin: float = MARGIN
+    margin: float = USED_LIMIT_SHARE
     notes: tuple[str, ...] = ()
 
     @property
@@ -180,12 +180,12 @@ class Limits(Frozen):
 def build_limits(
     robot: Robot,
     *,
-    lower: Given = None,
-    upper: Given = None,
-    velocity: Given = None,
-    acceleration: Given = None,
-    torque: Given = None,
-    margin: float = MARGIN,
+    lower: GivenLimit = None,
+    upper: GivenLimit = None,
+    velocity: GivenLimit = None,
+    acceleration: GivenLimit = None,
+    torque: GivenLimit = None,
+    margin: float = USED_LIMIT_SHARE,
 ) -> Limits:
     """Limits of the description, or the given ones: one number for all joints, or one for each.
 
@@ -198,26 +198,26 @@ def build_limits(
     if not 0 < margin <= 1:
         raise OptionError(f"the margin is {margin:g}; give a share of the limits above 0 and at most 1")
     notes: list[str] = []
-    span = np.where(robot.prismatic, RANGE[1], RANGE[0])
-    low, up = _given(robot, "lower", lower, robot.lower), _given(robot, "upper", upper, robot.upper)
+    span = np.where(robot.prismatic, FREE_RANGE[1], FREE_RANGE[0])
+    low, up = _joint_limits(robot, "lower", lower, robot.lower), _joint_limits(robot, "upper", upper, robot.upper)
     bare = ~np.isfinite(low) | ~np.isfinite(up)
     low = np.where(np.isfinite(low), low, np.where(np.isfinite(up), up - 2 * span, -span))
     up = np.where(np.isfinite(up), up, low + 2 * span)
-    speed = _given(robot, "velocity", velocity, robot.velocity_limit)
+    speed = _joint_limits(robot, "velocity", velocity, robot.velocity_limit)
     free = ~np.isfinite(speed)
-    speed = np.where(free, np.where(robot.prismatic, SPEED[1], SPEED[0]), speed)
+    speed = np.where(free, np.where(robot.prismatic, FREE_SPEED[1], FREE_SPEED[0]), speed)
     notes += _note(robot, bare, "no position limit is stated: half a turn (0.5 m) on either side of zero is used")
-    notes += _note(robot, free, f"no velocity limit is stated: {SPEED[0]:g} rad/s ({SPEED[1]:g} m/s) is used")
+    notes += _note(robot, free, f"no velocity limit is stated: {FREE_SPEED[0]:g} rad/s ({FREE_SPEED[1]:g} m/s) is used")
     if acceleration is None:
-        notes.append(f"the acceleration limit is the one that reaches the velocity limit in {RISE:g} s")
-    rise = _given(robot, "acceleration", acceleration, speed / RISE)
-    effort = _given(robot, "torque", torque, robot.effort_limit)
+        notes.append(f"the acceleration limit is the one that reaches the velocity limit in {FREE_RISE_TIME:g} s")
+    rise = _joint_limits(robot, "acceleration", acceleration, speed / FREE_RISE_TIME)
+    effort = _joint_limits(robot, "torque", torque, robot.effort_limit)
     notes += _note(robot, ~np.isfinite(effort), "no torque limit is stated")
     _refuse_empty(robot, low, up, {"velocity": speed, "acceleration": rise, "torque": effort})
     return Limits(low, up, speed, rise, effort, margin, tuple(notes))
 
 
-def _given(robot: Robot, name: str, value: Given, stated: Array) -> Array:
+def _joint_limits(robot: Robot, name: str, value: GivenLimit, stated: Array) -> Array:
     n = len(robot.joints)
     if value is None:
         return np.array(stated, float)

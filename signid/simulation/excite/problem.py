@@ -17,12 +17,12 @@ from ...types import Array, BaseMap, Frozen, Indices, Law, Result, Trajectory
 from .families import Family, random_parameters
 from .limits import Collision, Limits, build_collision
 
-DIRECTION = 0.01  # [rad/s or m/s] speed below which the direction of motion is proportional to the velocity
+DIRECTION_SPEED = 0.01  # [rad/s or m/s] speed below which the direction of motion is proportional to the velocity
 REFERENCES = 20  # random motions for reference sizes
-INSTANTS = 200  # samples of each of these motions
-NOISE = 0.01  # [1] torque noise over the torque limit, or over the rms torque without a limit
-POSTURES = 200  # random candidates for the home posture
-ENOUGH = 100.0  # [1] lambda at which the right one of two hypotheses was always found
+REFERENCE_SAMPLES = 200  # samples of each of these motions
+TORQUE_NOISE_SHARE = 0.01  # [1] torque noise over the torque limit, or over the rms torque without a limit
+HOME_POSTURES = 200  # random candidates for the home posture
+MIN_LAMBDA = 100.0  # [1] lambda at which the right one of two hypotheses was always found
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ class ExcitationProblem(Frozen):
             self.base.combination @ np.concatenate([self.model.inertials.ravel(), *map(np.array, stated)])
         )
 
-    def rows(self, t: Array, q: Array, v: Array, a: Array, slow: Array | float = DIRECTION) -> list[Array]:
+    def rows(self, t: Array, q: Array, v: Array, a: Array, slow: Array | float = DIRECTION_SPEED) -> list[Array]:
         """Base regressor (N, m_j) of each joint, over noise and reference size [1].
 
         Instants are t (N,) [s], the motion q (N, n) [rad or m], v (N, n) [rad/s or m/s], a (N, n) [rad/s2 or m/s2].
@@ -79,7 +79,7 @@ class ExcitationProblem(Frozen):
         return Use(share[0], share[1], share[2], (np.abs(torque) / limits.torque).max(0))
 
 
-def build_problem(
+def build_design(
     model: Model, laws: tuple[Law, ...], family: Family, limits: Limits, clearance: float, seed: int
 ) -> tuple[ExcitationProblem, tuple[str, ...]]:
     """Problem of finding an exciting motion, and a note if self-collision is not checked.
@@ -97,14 +97,14 @@ def build_problem(
     collision, why = build_collision(model.robot, limits, clearance, seed)
     home = _find_home(model, limits, collision, clearance, seed)
     rng = np.random.default_rng(seed)
-    t = np.linspace(0, family.duration, INSTANTS)
+    t = np.linspace(0, family.duration, REFERENCE_SAMPLES)
     basis = family.basis(t)
     drawn = [family.sample(model.robot.joints, random_parameters(basis, limits, rng), t) for _ in range(REFERENCES)]
     q, v, a = (np.concatenate([getattr(motion, key) for motion in drawn]) for key in "qva")
     times = np.tile(t, REFERENCES)
     torque = model.inverse(Motion(model.robot, times, q, v, a))
     rms = np.maximum(np.sqrt(np.mean(torque**2, axis=0)), 1e-9)
-    noise = NOISE * np.where(np.isfinite(limits.torque), limits.torque, rms)
+    noise = TORQUE_NOISE_SHARE * np.where(np.isfinite(limits.torque), limits.torque, rms)
     noise = noise.astype(np.float32).astype(float)  # scales of all rows: alike for every BLAS kernel
     bare = ExcitationProblem(model, laws, base, limits, noise, np.ones(base.rank), collision, clearance, home)
     size = np.sqrt(np.diag(bare.information(bare.rows(times, q, v, a))) / len(times))
@@ -131,7 +131,7 @@ def _find_home(model: Model, limits: Limits, collision: Collision | None, cleara
     """Home posture (n,) [rad or m], with the smallest share of the torque limits; motions shrink towards it."""
     robot, rng = model.robot, np.random.default_rng(seed)
     low, up = limits.middle - limits.half, limits.middle + limits.half
-    q = np.vstack([limits.middle, np.clip(0.0, low, up), rng.uniform(low, up, (POSTURES, len(low)))])
+    q = np.vstack([limits.middle, np.clip(0.0, low, up), rng.uniform(low, up, (HOME_POSTURES, len(low)))])
     still = np.zeros_like(q)
     torque = model.inverse(Motion(robot, np.arange(len(q), dtype=float), q, still, still))
     share = np.abs(torque / limits.torque).max(1)
@@ -212,7 +212,7 @@ class Separation(Result):
     @property
     def enough(self) -> bool:
         """Whether this motion reliably distinguishes the laws, whichever is true."""
-        return min(self.distances) >= ENOUGH
+        return min(self.distances) >= MIN_LAMBDA
 
 
 def budget_notes(motions: int) -> tuple[str, ...]:

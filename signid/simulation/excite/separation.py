@@ -11,7 +11,7 @@ import numpy as np
 
 from ...deadline import ends_in_time
 from ...effects import EFFECTS
-from ...effects.law import law_columns, law_torque, places
+from ...effects.law import candidate_places, law_columns, law_torque
 from ...errors import OptionError
 from ...model import Model, ModelSource, as_model, torque_model
 from ...optimisers import OPTIMISERS, Problem
@@ -20,7 +20,7 @@ from ...regression.projection import leave
 from ...regression.rows import away_from_reversals
 from ...typed import typed
 from ...types import Array, Frozen, Law, Mask, Progress, Trajectory
-from .design import CLEARANCE, SEARCH, SPARE, grid, make_feasible
+from .design import EXTRA_GAP, MIN_CLEARANCE, MOTION_SEARCH, make_feasible, time_grid
 from .families import (
     Family,
     Fourier,
@@ -33,20 +33,20 @@ from .families import (
     steady,
 )
 from .limits import Limits, build_limits
-from .problem import DIRECTION, ENOUGH, ExcitationProblem, Separation, budget_notes, build_problem, usual_laws
+from .problem import DIRECTION_SPEED, MIN_LAMBDA, ExcitationProblem, Separation, budget_notes, build_design, usual_laws
 
-INDEPENDENT = 20.0  # [Hz] rate of torque samples with independent errors, after filters
-NEAR = 0.06  # [s] before and after a reversal in which torque does not count
-STRUCTURAL = 1e-6  # [1] share of a law's sum of squares below which the laws are equal up to rounding and linearisation
+INDEPENDENT_RATE = 20.0  # [Hz] rate of torque samples with independent errors, after filters
+NEAR_TIME = 0.06  # [s] before and after a reversal in which torque does not count
+EQUAL_LAW_SHARE = 1e-6  # [1] of a law's sum of squares: the laws are equal up to rounding and linearisation
 MEMORY_RATE = 100.0  # [Hz] of the motion if a law has memory
-PERIODS = (1, 2, 4, 12)  # base frequencies of the families, in periods per duration
-POOL, POLISHED, EVALUATIONS = 60, 4, 120  # random motions; best ones that are improved; evaluations for each of these
-AMPLITUDE = (0.1, 1.0)  # [1] smallest and largest share of the limits that a random motion uses
-REACH = 0.5  # [1] largest change of a parameter, as a share of the value at which it alone meets a limit
-ALGORITHM = "LN_SBPLX"
-PLACES = 50  # samples at which distances between links are computed
-PENALTY = 1e3  # [1] on the mean square excess over a limit; the objective is the log of a distance
-LEAST = 1e-30  # [1] smallest distance, since the log of zero is infinite
+BASE_PERIODS = (1, 2, 4, 12)  # base frequencies of the families, in periods per duration
+POOL_MOTIONS, IMPROVED_MOTIONS, MAX_EVALUATIONS = 60, 4, 120  # random; best ones of these; evaluations for each
+POOL_LIMIT_SHARES = (0.1, 1.0)  # [1] smallest and largest share of the limits that a random motion uses
+MAX_PARAMETER_CHANGE = 0.5  # [1] largest change of a parameter, as a share of the value at which it alone meets a limit
+PAIR_ALGORITHM = "LN_SBPLX"
+CLEARANCE_SAMPLES = 50  # samples at which distances between links are computed
+LIMIT_PENALTY = 1e3  # [1] on the mean square excess over a limit; the objective is the log of a distance
+MIN_DISTANCE = 1e-30  # [1] smallest distance, since the log of zero is infinite
 
 
 class Distance(NamedTuple):
@@ -95,17 +95,17 @@ def law_distance(law: Law, rival: Law, motion: Motion, nuisance: Array, noise: A
 
     Source: T-optimality, Atkinson, Fedorov, Biometrika 62(1), 1975.
     """
-    weight = _certain(motion, {j for one in (law, rival) if one.effect.reverses for j in one.joints}) / noise
+    weight = _certain_samples(motion, {j for one in (law, rival) if one.effect.reverses for j in one.joints}) / noise
     stated = Law(law.effect, law.joints, {**law.effect.example, **law.parameters})
     rows, torque = law_torque(stated, motion)
     wide = np.zeros_like(motion.q)
     wide[:, list(rows)] = torque
     y = (wide * weight).ravel()
     whole = float(y @ y)
-    candidates = (np.concatenate([nuisance, wide_columns([one], motion)], axis=2) for one in _shaped(rival, motion))
+    candidates = (np.concatenate([nuisance, wide_columns([one], motion)], axis=2) for one in _law_shapes(rival, motion))
     rests = (leave(y, (x * weight[:, :, None]).reshape(len(y), -1)) for x in candidates)
     left = min(float(rest @ rest) for rest in rests)
-    return INDEPENDENT * motion.dt * left, left / whole if whole > 0 else 0.0
+    return INDEPENDENT_RATE * motion.dt * left, left / whole if whole > 0 else 0.0
 
 
 def wide_columns(laws: Sequence[Law], motion: Motion) -> Array:
@@ -122,21 +122,21 @@ def wide_columns(laws: Sequence[Law], motion: Motion) -> Array:
 def with_torque(model: Model, trajectory: Trajectory) -> Motion:
     """Motion with the torque that a model predicts, for laws that act on torque."""
     t, q, v, a = trajectory.t, trajectory.q, trajectory.v, trajectory.a
-    slow = np.full(q.shape[1], DIRECTION)
+    slow = np.full(q.shape[1], DIRECTION_SPEED)
     torque = model.inverse(Motion(model.robot, t, q, v, a, slow=slow))
     return Motion(model.robot, t, q, v, a, recorded=torque, predicted=torque, slow=slow)
 
 
-def _certain(motion: Motion, joints: Collection[int]) -> Mask:
+def _certain_samples(motion: Motion, joints: Collection[int]) -> Mask:
     """Mask (N, n) of samples that are not near a reversal of some joints; a reversal may lie between two samples."""
     sign, at = np.sign(motion.v), list(joints)
     speed = np.where(np.diff(sign, axis=0, append=sign[-1:]) != 0, 0.0, motion.v)
     certain = np.ones(motion.v.shape, dtype=bool)
-    certain[:, at] = away_from_reversals(speed[:, at], round(NEAR / motion.dt), np.full(len(at), DIRECTION))
+    certain[:, at] = away_from_reversals(speed[:, at], round(NEAR_TIME / motion.dt), np.full(len(at), DIRECTION_SPEED))
     return certain
 
 
-def _shaped(law: Law, motion: Motion) -> Iterator[Law]:
+def _law_shapes(law: Law, motion: Motion) -> Iterator[Law]:
     """The law as it stands if it states its shape, else the law with each shape on the grid of its effect."""
     if law.effect.shape(law.parameters).keys() == law.effect.parameters.keys() - law.effect.linear().keys():
         yield law
@@ -156,7 +156,7 @@ def separate(
     duration: float = 20.0,
     harmonics: int = 5,
     limits: Limits | None = None,
-    clearance: float = CLEARANCE,
+    clearance: float = MIN_CLEARANCE,
     rate: float = 100.0,
     seed: int = 0,
     progress: Progress | None = None,
@@ -191,22 +191,22 @@ def separate(
     check_duration(duration, harmonics, 1 / duration if duration > 0 else 0.0)
     check_rows(duration, rate)
     limits = limits or build_limits(model.robot)
-    families = [Fourier(duration, harmonics, periods / duration) for periods in PERIODS]
+    families = [Fourier(duration, harmonics, periods / duration) for periods in BASE_PERIODS]
     usual = [effect.name for effect in EFFECTS if effect.usual]
     rivals = {(law.effect.name, law.joints) for law in (first, second)}
     laws = tuple(law for law in usual_laws(model, usual) if (law.effect.name, law.joints) not in rivals)
-    problem, notes = build_problem(model, laws, families[0], limits, clearance, seed)
-    density = MEMORY_RATE if any(law.effect.memory for law in (first, second)) else INDEPENDENT
+    problem, notes = build_design(model, laws, families[0], limits, clearance, seed)
+    density = MEMORY_RATE if any(law.effect.memory for law in (first, second)) else INDEPENDENT_RATE
     pair = LawPair(problem, first, second, nuisance == "bodies")
     search = _MotionSearch(pair, at_rate(duration, density), families, seed, progress)
     pool = search.random_pool()
-    ways = tuple(way for way in (0, 1) if max(one.distance.shares[way] for one in pool) > STRUCTURAL)
+    ways = tuple(way for way in (0, 1) if max(one.distance.shares[way] for one in pool) > EQUAL_LAW_SHARE)
     ends = search.improve(pool, ways) if ways else [max(pool, key=lambda one: float(np.ptp(one.x[:, 1:])))]
     feasible = [(end.family, make_feasible(problem, end.family, end.x)) for end in ends]
     family, best = max(feasible, key=lambda end: search.objective(end[0], end[1].x, ways))
     distance = search.distance(family, best.x)
     evaluated = (len(pool) + sum(end.evaluations for end in ends)) * any(end.spent for end in ends)
-    fine = family.sample(model.robot.joints, best.x, grid(duration))
+    fine = family.sample(model.robot.joints, best.x, time_grid(duration))
     return Separation(
         trajectory=family.sample(model.robot.joints, best.x, at_rate(duration, rate)),
         laws=(first, second),
@@ -219,15 +219,15 @@ def separate(
         distance=best.distance,
         seed=seed,
         notes=(*model.robot.notes, *limits.notes, *notes, *budget_notes(evaluated)),
-        flags=_flags(first, second, distance, ways),
+        flags=_pair_flags(first, second, distance, ways),
     )
 
 
-def _flags(first: Law, second: Law, distance: Distance, ways: Sequence[int]) -> tuple[str, ...]:
+def _pair_flags(first: Law, second: Law, distance: Distance, ways: Sequence[int]) -> tuple[str, ...]:
     names = first.effect.name, second.effect.name
     if not ways:
         return (
-            f"no motion of {POOL} distinguishes {names[0]} from {names[1]}: the difference is structural; "
+            f"no motion of {POOL_MOTIONS} distinguishes {names[0]} from {names[1]}: the difference is structural; "
             "use another sensor or a known load",
         )
     if len(ways) == 1:
@@ -236,20 +236,20 @@ def _flags(first: Law, second: Law, distance: Distance, ways: Sequence[int]) -> 
             f"{general} and the nuisance explain everything that {special} can do, on every motion: the laws are "
             f"distinguishable only if {general} is true",
         )
-    if min(distance.seen) < ENOUGH:
+    if min(distance.seen) < MIN_LAMBDA:
         return (
             f"the laws differ by {min(distance.seen):.3g} along the best motion: the result may be ambiguous; "
-            f"{ENOUGH:g} is needed",
+            f"{MIN_LAMBDA:g} is needed",
         )
     return ()
 
 
 def _refuse(model: Model, first: Law, second: Law, nuisance: str) -> None:
     for law in (first, second):
-        if law.joints not in places(law.effect, len(model.robot.joints)):
+        if law.joints not in candidate_places(law.effect, len(model.robot.joints)):
             raise OptionError(
                 f"{law.effect.name} cannot act at joints {law.joints} of {model.robot.name}; choose from "
-                f"{places(law.effect, len(model.robot.joints))[:8]}, counted from 0"
+                f"{candidate_places(law.effect, len(model.robot.joints))[:8]}, counted from 0"
             )
     if (first.effect.name, first.joints) == (second.effect.name, second.joints):
         raise OptionError(f"both laws are {first.effect.name} at the same joints; give two that differ")
@@ -283,16 +283,16 @@ class _MotionSearch(Frozen):
     def random_pool(self) -> list[_Candidate]:
         """Random motions of random centre and size, scaled to the limits of position, velocity and acceleration."""
         rng, limits, found = np.random.default_rng(self.seed), self.laws.problem.limits, []
-        for k in range(POOL):
+        for k in range(POOL_MOTIONS):
             family = self.families[k % len(self.families)]
-            x = random_parameters(self._bases[id(family)], limits, rng, AMPLITUDE)
+            x = random_parameters(self._bases[id(family)], limits, rng, POOL_LIMIT_SHARES)
             found.append(_Candidate(family, x, self.distance(family, x)))
-            self._report("drawing motions", k, POOL)
+            self._report("drawing motions", k, POOL_MOTIONS)
         return found
 
     def improve(self, pool: Sequence[_Candidate], ways: Sequence[int]) -> list[_Candidate]:
         """The best motions of a pool, improved one after another."""
-        ranked = sorted(pool, key=lambda one: self.objective(one.family, one.x, ways), reverse=True)[:POLISHED]
+        ranked = sorted(pool, key=lambda one: self.objective(one.family, one.x, ways), reverse=True)[:IMPROVED_MOTIONS]
         return [self._improved(one, ways, k) for k, one in enumerate(ranked)]
 
     def distance(self, family: Family, x: Array) -> Distance:
@@ -307,9 +307,9 @@ class _MotionSearch(Frozen):
         over = np.maximum(np.abs(torque) / (problem.limits.margin * problem.limits.torque) - 1, 0)
         excess = float(np.sum(over**2)) / len(self.t)
         if problem.collision is not None:
-            few = motion.q[:: max(1, len(motion.q) // PLACES)]
-            excess += problem.collision.penalty(few, problem.clearance, SPARE)[0]
-        return float(np.log(max(self.smaller(self.laws.distance(motion), ways), LEAST))) - PENALTY * excess
+            few = motion.q[:: max(1, len(motion.q) // CLEARANCE_SAMPLES)]
+            excess += problem.collision.penalty(few, problem.clearance, EXTRA_GAP)[0]
+        return float(np.log(max(self.smaller(self.laws.distance(motion), ways), MIN_DISTANCE))) - LIMIT_PENALTY * excess
 
     def smaller(self, distance: Distance, ways: Sequence[int]) -> float:
         """Smaller one of the distances that count."""
@@ -327,12 +327,12 @@ class _MotionSearch(Frozen):
         def cost(change: Array) -> float:
             nonlocal count
             count += 1
-            self._report("improving motions", turn * EVALUATIONS + count, POLISHED * EVALUATIONS)
+            self._report("improving motions", turn * MAX_EVALUATIONS + count, IMPROVED_MOTIONS * MAX_EVALUATIONS)
             return -float(steady(np.array(self.objective(family, inside(change), ways))))
 
-        reach = np.full(sizes.size, REACH)
-        problem = Problem(cost, -reach, reach, np.zeros(sizes.size), search=SEARCH)
-        best = OPTIMISERS["nlopt"].minimise(problem, algorithm=ALGORITHM, budget_evaluations=EVALUATIONS)
+        reach = np.full(sizes.size, MAX_PARAMETER_CHANGE)
+        problem = Problem(cost, -reach, reach, np.zeros(sizes.size), search=MOTION_SEARCH)
+        best = OPTIMISERS["nlopt"].minimise(problem, algorithm=PAIR_ALGORITHM, budget_evaluations=MAX_EVALUATIONS)
         x = inside(best.x)
         return _Candidate(family, x, self.distance(family, x), best.evaluations, best.status == "budget")
 

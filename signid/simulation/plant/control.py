@@ -20,12 +20,12 @@ from ...robot.dynamics import mass_matrices
 from ...typed import typed
 from ...types import Array, Frozen, Recording, Robot, Trajectory
 
-BANDWIDTH, DAMPING = 6.0, 0.9  # [Hz], [1] default natural frequency and damping ratio of the position loop
-PLACES = 10  # positions of a motion at which the inertia is computed
-MASSLESS = 1e-12  # [1] inertia over the largest one, below which a joint moves no mass
-FEWEST = 4  # smallest number of rows of a motion
-LARGEST, SHORTEST = 1e12, 1e-12  # largest number in SI units; shortest step of time [s]
-START = 0.05  # [s] beginning of a recording that gives the initial velocity
+LOOP_BANDWIDTH, LOOP_DAMPING = 6.0, 0.9  # [Hz], [1] default natural frequency and damping ratio of the position loop
+INERTIA_POSITIONS = 10  # positions of a motion at which the inertia is computed
+MIN_INERTIA_RATIO = 1e-12  # [1] inertia over the largest one, below which a joint moves no mass
+MIN_MOTION_ROWS = 4  # smallest number of rows of a motion
+MAX_SI_NUMBER, MIN_TIME_STEP = 1e12, 1e-12  # largest number in SI units; shortest step of time [s]
+START_DURATION = 0.05  # [s] beginning of a recording that gives the initial velocity
 
 
 class Drive(Protocol):
@@ -100,8 +100,8 @@ def track(
     known: ModelSource,
     trajectory: Trajectory,
     *,
-    bandwidth: float = BANDWIDTH,
-    damping: float = DAMPING,
+    bandwidth: float = LOOP_BANDWIDTH,
+    damping: float = LOOP_DAMPING,
     gains: tuple[Array, Array] | None = None,
     feed_forward: float = 1.0,
 ) -> Tracking:
@@ -158,12 +158,12 @@ def _effective_inertia(known: Model, trajectory: Trajectory) -> Array:
 
     Gains proportional to it stay stable where joint axes are aligned and inertias nearly cancel.
     """
-    few = trajectory.q[:: max(1, len(trajectory.q) // PLACES)]
+    few = trajectory.q[:: max(1, len(trajectory.q) // INERTIA_POSITIONS)]
     robot, bodies = known.robot, known.bodies()
     data = bodies.createData()
     mass = mass_matrices(bodies, data, configuration(robot, few), robot.drive)
     sizes, directions = np.linalg.eigh(mass)
-    weak = sizes[:, 0] <= MASSLESS * sizes[:, -1]
+    weak = sizes[:, 0] <= MIN_INERTIA_RATIO * sizes[:, -1]
     if weak.any():
         joint = robot.joints[int(np.abs(directions[weak.argmax(), :, 0]).argmax())]
         raise OptionError(
@@ -194,7 +194,7 @@ def read_motion(source: Source, robot: Robot) -> Trajectory:
     t, q, v = found.table.read([found.column("t", 0)], 0, found.table.rows)[:, 0], read("q"), read("dq")
     assert q is not None, "joints are those with positions"
     a = None if v is None else read("ddq")
-    _check(opened.name, t, *(x for x in (q, v, a) if x is not None))
+    _check_times(opened.name, t, *(x for x in (q, v, a) if x is not None))
     t = t - t[0]
     if v is None:
         v, a = CubicSpline(t, q)(t, 1), CubicSpline(t, q)(t, 2)
@@ -220,27 +220,27 @@ def recorded_torques(recording: Recording) -> Torques:
     have = np.isfinite(samples.tau)
     if lacking := [joint for joint, seen in zip(recording.joints, have.T, strict=True) if not seen.any()]:
         raise RecordingError(f"{name} has no torque of {', '.join(lacking)}; add it, or remove the joint's position")
-    _check(name, samples.t, np.nan_to_num(samples.tau), samples.q[:1])
+    _check_times(name, samples.t, np.nan_to_num(samples.tau), samples.q[:1])
     t = samples.t - samples.t[0]
     torque = np.column_stack([np.interp(t, t[h], x[h]) for h, x in zip(have.T, samples.tau.T, strict=True)])
     if samples.dq is not None and np.isfinite(samples.dq[0]).all():
         return Torques(t, torque, samples.q[0], samples.dq[0])
-    near = max(FEWEST, int(np.searchsorted(t, START)))
+    near = max(MIN_MOTION_ROWS, int(np.searchsorted(t, START_DURATION)))
     first = np.isfinite(samples.q[:near]).all(1)
     v = np.polynomial.polynomial.polyfit(t[:near][first], samples.q[:near][first], min(3, int(first.sum()) - 1))[1]
     return Torques(t, torque, samples.q[0], v)
 
 
-def _check(name: str, t: Array, *values: Array) -> None:
-    if len(t) < FEWEST:
-        raise RecordingError(f"{name} has {len(t)} rows; give at least {FEWEST}")
+def _check_times(name: str, t: Array, *values: Array) -> None:
+    if len(t) < MIN_MOTION_ROWS:
+        raise RecordingError(f"{name} has {len(t)} rows; give at least {MIN_MOTION_ROWS}")
     for x in (t[:, None], *values):
-        usable = (np.abs(x) <= LARGEST).all(1)
+        usable = (np.abs(x) <= MAX_SI_NUMBER).all(1)
         if not usable.all():
             row = int(np.flatnonzero(~usable)[0]) + 1
             raise RecordingError(
-                f"{name} has no number, or one beyond {LARGEST:.0e}, in row {row}; complete or remove that row"
+                f"{name} has no number, or one beyond {MAX_SI_NUMBER:.0e}, in row {row}; complete or remove that row"
             )
-    if not np.all(np.diff(t) > SHORTEST):
-        row = int(np.flatnonzero(np.diff(t) <= SHORTEST)[0]) + 2
+    if not np.all(np.diff(t) > MIN_TIME_STEP):
+        row = int(np.flatnonzero(np.diff(t) <= MIN_TIME_STEP)[0]) + 2
         raise RecordingError(f"{name}: time does not increase in row {row}; sort the rows by t, one per instant")

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...effects.base import of_kind
-from ...effects.drive import OF_COMMAND, STAGES, DriveLaw, DriveState
+from ...effects.drive import COMMAND_STAGES, STAGES, DriveLaw, DriveState
 from ...types import Array, Law
 from .control import Plan
 
@@ -18,7 +18,7 @@ def commanded(laws: Sequence[Law], t: Array, plan: Plan) -> Plan:
     desired, speed = plan.desired.copy(), plan.speed.copy()
     for law in sorted(laws, key=_stage):
         effect, [j] = of_kind(law.effect, DriveLaw), law.joints
-        if effect.stage in OF_COMMAND:
+        if effect.stage in COMMAND_STAGES:
             desired[:, j] = effect.moved(t, desired[:, j], **law.parameters)
             speed[:, j] = np.gradient(desired[:, j], t)
     return replace(plan, desired=desired, speed=speed)
@@ -31,7 +31,7 @@ class JointDrives:
     """
 
     def __init__(self, laws: Sequence[Law], stiffness: Array, damping: Array) -> None:
-        acting = [law for law in laws if _effect(law).stage not in OF_COMMAND]
+        acting = [law for law in laws if _effect(law).stage not in COMMAND_STAGES]
         self.joints: dict[int, dict[str, list[Law]]] = {}  # laws by joint and stage
         for law in acting:
             stages = self.joints.setdefault(law.joints[0], {stage: [] for stage in STAGES})

@@ -16,10 +16,10 @@ from ...robot import configuration, weld
 from ...robot.dynamics import joint_of_row, mass_matrices, own_row, point_jacobian
 from ...types import Array, Frozen, Indices, Law, Mask, Robot
 
-ITERATIONS, TOLERANCE = 200, 1e-10  # largest number of iterations, and absolute tolerance, of Pinocchio's solver
-GUESSES = 12  # guesses of the held joints before Pinocchio's solver is used
+SOLVER_ITERATIONS, SOLVER_TOLERANCE = 200, 1e-10  # of Pinocchio's solver; the tolerance is absolute
+MAX_GUESSES = 12  # guesses of the held joints before Pinocchio's solver is used
 THREADS = 1  # threads of abaInParallel; on a loaded machine several threads wait for each other for milliseconds
-BOUNDED = {"RUBX": pin.JointModelRX, "RUBY": pin.JointModelRY, "RUBZ": pin.JointModelRZ}
+BOUNDED_MODELS = {"RUBX": pin.JointModelRX, "RUBY": pin.JointModelRY, "RUBZ": pin.JointModelRZ}
 
 
 class DryFriction:
@@ -36,9 +36,9 @@ class DryFriction:
         self.constraint = pin.JointFrictionConstraintModel(model, joints)
         self.solver, self.result = pin.PGSConstraintSolver(count), pin.PGSSolverResult()
         self.settings = settings = pin.PGSSolverSettings()  # precise to nearly rounding errors
-        settings.max_iterations = ITERATIONS
-        settings.absolute_complementarity_tol = settings.absolute_feasibility_tol = TOLERANCE
-        settings.relative_complementarity_tol = settings.relative_feasibility_tol = TOLERANCE / 100
+        settings.max_iterations = SOLVER_ITERATIONS
+        settings.absolute_complementarity_tol = settings.absolute_feasibility_tol = SOLVER_TOLERANCE
+        settings.relative_complementarity_tol = settings.relative_feasibility_tol = SOLVER_TOLERANCE / 100
 
     def __call__(self, free: Array, low: Array, high: Array, mobility: Array) -> Array:
         """Velocities (K, c), exactly zero for held joints [rad/s or m/s].
@@ -74,7 +74,7 @@ def _guess(free: Array, low: Array, high: Array, mobility: Array) -> tuple[Array
     """
     dry, unit = high > low, np.eye(free.shape[1])
     way = np.where(dry, 0, 1)
-    for _ in range(GUESSES):
+    for _ in range(MAX_GUESSES):
         held = way == 0
         sliding = np.where(way > 0, high, np.where(held, 0.0, low))
         both = held[:, :, None] & held[:, None, :]
@@ -117,9 +117,9 @@ def build_bodies(model: Model) -> PlantBodies:
     """Bodies of a model with its body laws; each joint with a transmission law is split into motor and link side."""
     robot, whole, elastic = model.robot, model.bodies(), model.of(TransmissionLaw)
     soft = [law.joints[0] for law in elastic]
-    _check(robot, whole, elastic)
+    _check_elastic(robot, whole, elastic)
     kept, rows = _without_held(robot, whole)
-    parted, motor_rows, flex_rows = _part(kept, [int(np.flatnonzero(robot.drive[rows][:, j])[0]) for j in soft])
+    parted, motor_rows, flex_rows = _with_flex(kept, [int(np.flatnonzero(robot.drive[rows][:, j])[0]) for j in soft])
     drive = np.zeros((parted.nv, len(robot.joints) + len(soft)))
     drive[motor_rows, : len(robot.joints)] = robot.drive[rows]
     drive[flex_rows, len(robot.joints) + np.arange(len(soft))] = 1
@@ -144,7 +144,7 @@ def build_bodies(model: Model) -> PlantBodies:
     )
 
 
-def _check(robot: Robot, model: Any, elastic: Sequence[Law]) -> None:
+def _check_elastic(robot: Robot, model: Any, elastic: Sequence[Law]) -> None:
     for law in elastic:
         joint, rows = robot.joints[law.joints[0]], np.flatnonzero(robot.drive[:, law.joints[0]])
         if len(rows) > 1:
@@ -172,13 +172,13 @@ def _without_held(robot: Robot, model: Any) -> tuple[Any, Indices]:
     return model, rows
 
 
-def _part(model: Any, soft: Sequence[int]) -> tuple[Any, list[int], list[int]]:
+def _with_flex(model: Any, soft: Sequence[int]) -> tuple[Any, list[int], list[int]]:
     """Model with an additional joint behind each of some joints, and the indices of the motor and the flex joints."""
     new, ids = pin.Model(), [0]
     new.gravity = model.gravity
     motor, flex = [0] * model.nv, dict[int, int]()
     for i in range(1, model.njoints):
-        joint = _bounded(model.joints[i])
+        joint = _angle_joint(model.joints[i])
         at = new.addJoint(ids[model.parents[i]], joint, model.jointPlacements[i], model.names[i])
         row = model.joints[i].idx_v
         for k in range(model.joints[i].nv):
@@ -194,13 +194,13 @@ def _part(model: Any, soft: Sequence[int]) -> tuple[Any, list[int], list[int]]:
     return new, motor, [flex[row] for row in soft]
 
 
-def _bounded(joint: Any) -> Any:
+def _angle_joint(joint: Any) -> Any:
     """The joint with its angle as configuration, if that was cosine and sine."""
     if joint.nq == joint.nv:
         return joint
     name = joint.shortname().removeprefix("JointModel")
-    if name in BOUNDED:
-        return BOUNDED[name]()
+    if name in BOUNDED_MODELS:
+        return BOUNDED_MODELS[name]()
     return pin.JointModelRevoluteUnaligned(joint.extract().axis)
 
 
@@ -242,7 +242,7 @@ class Dynamics:
         An armature (B, c) [kg.m2 or kg] is added in this call.
         """
         if not self.plain:
-            return _regular(np.linalg.inv, self._mass(q, armature))
+            return _refuse_singular(np.linalg.inv, self._mass(q, armature))
         model, data, out = self.model, self.data, np.empty((*q.shape, q.shape[1]))
         for i, row in enumerate(q):
             if armature is not None:
@@ -287,10 +287,10 @@ class Dynamics:
         drive, model, data = self.bodies.drive, self.model, self.data
         states = zip(q @ drive.T + self.bodies.rest, v @ drive.T, strict=True)
         bias = np.array([pin.nonLinearEffects(model, data, *state).copy() for state in states]).reshape(len(q), -1)
-        return _regular(np.linalg.solve, self._mass(q, armature), (force - bias @ drive)[..., None])[..., 0]
+        return _refuse_singular(np.linalg.solve, self._mass(q, armature), (force - bias @ drive)[..., None])[..., 0]
 
 
-def _regular(compute: Callable[..., Array], *given: Array) -> Array:
+def _refuse_singular(compute: Callable[..., Array], *given: Array) -> Array:
     try:
         return compute(*given)
     except np.linalg.LinAlgError:

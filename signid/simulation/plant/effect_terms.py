@@ -13,16 +13,16 @@ from ...errors import OptionError
 from ...types import Array, Indices, Law, Robot, View
 from .dynamics import Dynamics
 
-LARGEST, HALVINGS = 1.0, 50  # [rad or m] largest initial deflection, and bisection steps to find it
-NONE = np.empty(0, dtype=np.intp)
-STATES = 60  # random states
-TRIAL = 1e-6  # [rad, rad/s] step of the numerical derivatives of the laws
-SLACK = 4.0  # [1] safety factor: laws may be stiffer than at the random states
-GENTLE = 0.4  # [1] load of the laws over the inertia, below which steps are explicit
-RINGING, DECAY = 0.3, 0.5  # [1] largest step times frequency, and times decay rate, of explicit steps
+MAX_DEFLECTION, DEFLECTION_HALVINGS = 1.0, 50  # [rad or m] largest initial deflection, and bisection steps to find it
+NO_JOINTS = np.empty(0, dtype=np.intp)
+STIFFNESS_STATES = 60  # random states
+LAW_STEP = 1e-6  # [rad, rad/s] step of the numerical derivatives of the laws
+STIFFNESS_FACTOR = 4.0  # [1] safety factor: laws may be stiffer than at the random states
+MAX_EXPLICIT_LOAD = 0.4  # [1] load of the laws over the inertia, below which steps are explicit
+MAX_RINGING, MAX_DECAY = 0.3, 0.5  # [1] largest step times frequency, and times decay rate, of explicit steps
 
 
-class _Unknown:
+class _UnknownTrial:
     """Quantities of a view that are unknown in a simulation step."""
 
     @property
@@ -35,13 +35,13 @@ class _Unknown:
         raise TypeError("a moment is a single sample and cannot be indexed")
 
 
-class Moment(_Unknown):
+class Moment(_UnknownTrial):
     """R trials of B states of c coordinates; costly quantities are computed on first use.
 
     It also is the view of a law that acts on all coordinates.
     """
 
-    soft, flex, at = NONE, NONE, ...
+    soft, flex, at = NO_JOINTS, NO_JOINTS, ...
     origin = 0.0  # [s] time stamp of the start of the recording, if it is far from 0
 
     def __init__(self, dynamics: Dynamics, copies: int) -> None:
@@ -96,7 +96,7 @@ class Moment(_Unknown):
         return self._jacobian
 
 
-class MomentView(_Unknown):
+class MomentView(_UnknownTrial):
     """View of some coordinates of a moment; with `soft`, positions are those of the links behind elastic joints."""
 
     def __init__(self, whole: Moment, index: Indices, joints: tuple[int, ...], soft: Indices, flex: Indices) -> None:
@@ -159,7 +159,7 @@ class Term:
         effect = self.effect = laws[0].effect
         self.transmission, self.memory = isinstance(effect, TransmissionLaw), effect.memory
         joints = tuple(j for law in laws for j in law.joints)
-        soft = NONE
+        soft = NO_JOINTS
         if self.transmission:
             index = bodies.flex[[bodies.soft.tolist().index(j) for j in joints]]
         else:
@@ -190,8 +190,8 @@ class Term:
     def deflect(self, state: Array) -> None:
         """Set the deflections of elastic joints in a state (B, c) [rad or m] in balance with the load, by bisection."""
         load = self.view.load
-        low, high = np.full(load.shape, -LARGEST), np.full(load.shape, LARGEST)
-        for _ in range(HALVINGS):
+        low, high = np.full(load.shape, -MAX_DEFLECTION), np.full(load.shape, MAX_DEFLECTION)
+        for _ in range(DEFLECTION_HALVINGS):
             middle = (low + high) / 2
             trial = Trial(middle, np.zeros_like(middle), load=load, inertia=self.view.inertia)
             beyond = of_kind(self.effect, TransmissionLaw).hold(trial, **self.shape) + load > 0
@@ -254,15 +254,15 @@ class Stiffness(NamedTuple):
 
     def stiff(self, dt: float) -> bool:
         """Whether a step of dt [s] must evaluate the laws at its end."""
-        load = SLACK * (dt * self.damping + dt**2 * self.spring)
-        return bool((load > GENTLE * self.inertia).any())
+        load = STIFFNESS_FACTOR * (dt * self.damping + dt**2 * self.spring)
+        return bool((load > MAX_EXPLICIT_LOAD * self.inertia).any())
 
     def substeps(self, step: float, implicit: bool) -> int:
         """Number of sub-steps of a step [s], for accuracy with oscillating springs, and stability if explicit."""
-        rate = RINGING**-1 * np.sqrt(self.spring / self.inertia)
+        rate = MAX_RINGING**-1 * np.sqrt(self.spring / self.inertia)
         if implicit:
             return int(np.clip(np.ceil(step * rate.max()), 1, 10))
-        return int(max(1, np.ceil(step * max(rate.max(), (self.damping / self.inertia).max() / DECAY))))
+        return int(max(1, np.ceil(step * max(rate.max(), (self.damping / self.inertia).max() / MAX_DECAY))))
 
 
 def measure_stiffness(moment: Moment, terms: Sequence[Term], step: float, robot: Robot) -> Stiffness:
@@ -271,18 +271,18 @@ def measure_stiffness(moment: Moment, terms: Sequence[Term], step: float, robot:
     bodies = dynamics.bodies
     low, high = np.clip((robot.lower, robot.upper), -np.pi, np.pi)
     damping, spring, inertia = np.zeros(count), np.zeros(count), np.full(count, np.inf)
-    for k in range(STATES):
+    for k in range(STIFFNESS_STATES):
         q, v = np.zeros((copies, count)), np.zeros((copies, count))
         q[:, bodies.motor] = rng.uniform(low, high)
         v[:] = rng.choice([-1.0, 1.0], count) * 10.0 ** (rng.uniform(-5, 0.5) + rng.uniform(-0.5, 0, count))
         q[:, bodies.flex] = rng.uniform(-0.05, 0.05, len(bodies.flex))
         moment.inertia = np.repeat(dynamics.inertia(q[:1]), copies, axis=0)
-        trials, speeds = np.stack([q, q, q + TRIAL]), np.stack([v, v + TRIAL, v])
+        trials, speeds = np.stack([q, q, q + LAW_STEP]), np.stack([v, v + LAW_STEP, v])
         moment.set(float(k), step, trials, speeds, np.sign(speeds))
         for term in terms:
             term.begin()
         here, faster, moved = total_torque(terms, speeds.shape)[:, 0]
-        damping, spring = np.maximum(damping, (faster - here) / TRIAL), np.maximum(spring, (moved - here) / TRIAL)
+        damping, spring = np.maximum(damping, (faster - here) / LAW_STEP), np.maximum(spring, (moved - here) / LAW_STEP)
         inertia = np.minimum(inertia, 1 / _mobility(dynamics, q[:1], robot.name).diagonal())
     return Stiffness(damping, spring, inertia)
 

@@ -19,13 +19,13 @@ from ...types import Array, Law, Progress, Result
 from .control import Drive, Torques
 from .drives import JointDrives, commanded
 from .dynamics import DryFriction, Dynamics, build_bodies
-from .effect_terms import TRIAL, Moment, build_terms, measure_stiffness, total_torque
+from .effect_terms import LAW_STEP, Moment, build_terms, measure_stiffness, total_torque
 
 INTEGRATORS = ("semi-implicit", "rk4")
-MOST_SUBSTEPS = 200  # [sub-steps of a step]; heuristic: time
-CAREFUL = 4  # sub-steps of a Runge-Kutta step in which a joint stops or reverses
-MOST_STEPS = 5e6  # [steps] of a simulation; heuristic: memory
-MOST_SPEED = 1e4  # [rad/s or m/s] speed from which on a simulation has diverged
+MAX_SUBSTEPS = 200  # [sub-steps of a step]; heuristic: time
+REVERSAL_SUBSTEPS = 4  # sub-steps of a Runge-Kutta step in which a joint stops or reverses
+MAX_STEPS = 5e6  # [steps] of a simulation; heuristic: memory
+MAX_SPEED = 1e4  # [rad/s or m/s] speed from which on a simulation has diverged
 
 
 class Plant:
@@ -49,9 +49,9 @@ class Plant:
         self.friction = DryFriction(self.bodies.drive.shape[1])
         stiffness = measure_stiffness(self.moment, self.terms, step, model.robot)
         self.substeps = substeps or stiffness.substeps(step, implicit=integrator == "semi-implicit")
-        if not 0 < self.substeps <= MOST_SUBSTEPS:
+        if not 0 < self.substeps <= MAX_SUBSTEPS:
             raise OptionError(
-                f"steps of {step:g} s need {self.substeps} sub-steps, and at most {MOST_SUBSTEPS} are allowed; "
+                f"steps of {step:g} s need {self.substeps} sub-steps, and at most {MAX_SUBSTEPS} are allowed; "
                 f"give shorter steps, or use the integrator 'semi-implicit' for stiff laws"
             )
         self.stiff = stiffness.stiff(step / self.substeps)
@@ -192,13 +192,13 @@ class Plant:
         """Trials q, v, direction (3, B, c): the state, with a small change of velocity, and of position."""
         q, v = np.empty((2, 3, *self.state.shape))
         q[:], v[:] = self.state, self.speed
-        v[1] += TRIAL
-        q[2] += TRIAL
+        v[1] += LAW_STEP
+        q[2] += LAW_STEP
         return q, v, np.repeat(direction[None], 3, axis=0)
 
     def _implicit(self, dt: float, here: Array, moved: Array) -> tuple[Array, Array]:
         """Torque (B, c) and armature (B, c) of laws that are evaluated at the end of the step."""
-        damping, stiffness = np.maximum(0, (moved - here) / TRIAL)
+        damping, stiffness = np.maximum(0, (moved - here) / LAW_STEP)
         armature = dt * damping
         if not stiffness.any():
             return here, armature
@@ -223,8 +223,8 @@ class Plant:
         if self.dry and parted.any():
             whole = self._now()
             self._put(*start)
-            for k in range(CAREFUL):
-                self._semi_implicit(t + k * dt / CAREFUL, dt / CAREFUL, force)
+            for k in range(REVERSAL_SUBSTEPS):
+                self._semi_implicit(t + k * dt / REVERSAL_SUBSTEPS, dt / REVERSAL_SUBSTEPS, force)
             (q, v, a, bent), mixed = self._now(), partial[Array](np.where, parted)
             self._put(mixed(q, whole[0]), mixed(v, whole[1]), mixed(a, whole[2]), [*map(mixed, bent, whole[3])])
 
@@ -329,7 +329,7 @@ def simulate_many(
     log = np.empty((7, len(t), len(drives), len(joints)))  # seen, q, v, a, link, command, applied
     for k, now in enumerate(t):
         q, v = plant.q, plant.v
-        seen, felt = _seen(reading, q), v
+        seen, felt = _encoder_positions(reading, q), v
         if beyond:
             seen, felt = seen.copy(), v.copy()
             seen[:, beyond], felt[:, beyond] = plant.link[:, beyond], plant.link_speed[:, beyond]
@@ -340,10 +340,10 @@ def simulate_many(
         plant.advance(float(now), applied)
         log[3, k] = plant.a
         if k % 1000 == 0:
-            _check(plant, float(now))
+            _check_speed(plant, float(now))
             if progress is not None:
                 progress("simulating", k / len(t))
-    _check(plant, float(t[-1]))
+    _check_speed(plant, float(t[-1]))
     late = 0.5 if integrator == "rk4" else (plant.substeps - 1) / (2 * plant.substeps)  # steps
     for row in (3, 5, 6):  # signals that are constant in a step belong to this later instant
         log[row, 1:] += late * (log[row, :-1] - log[row, 1:])
@@ -358,15 +358,15 @@ def instants(duration: float, step: float) -> Array:
     """
     if not (np.isfinite(duration) and 0 < step <= duration):
         raise OptionError(f"{duration:g} s in steps of {step:g} s cannot be simulated; give at least one step")
-    if duration / step > MOST_STEPS:
+    if duration / step > MAX_STEPS:
         raise OptionError(
-            f"the simulation has {duration / step:.3g} steps, more than {MOST_STEPS:.0e}; give a shorter duration or "
+            f"the simulation has {duration / step:.3g} steps, more than {MAX_STEPS:.0e}; give a shorter duration or "
             f"longer steps"
         )
     return np.asarray(np.arange(round(duration / step)) * step, dtype=np.float64)
 
 
-def _seen(reading: Sequence[Law], q: Array) -> Array:
+def _encoder_positions(reading: Sequence[Law], q: Array) -> Array:
     """Positions (B, n) that the encoders measure."""
     for law in reading:
         j = list(law.joints)
@@ -385,8 +385,8 @@ def apply_actuators(acting: Sequence[Law], command: Array) -> Array:
     return command
 
 
-def _check(plant: Plant, t: float) -> None:
-    if not np.all(np.abs(plant.v) < MOST_SPEED):
+def _check_speed(plant: Plant, t: float) -> None:
+    if not np.all(np.abs(plant.v) < MAX_SPEED):
         raise OptionError(
             f"the simulation diverged within {t:.3g} s; use shorter steps, lower gains, or torque that fits the robot"
         )

@@ -14,11 +14,11 @@ from ...typed import typed
 from ...types import Array, Mask, Robot
 from .plant import Simulation
 
-CORNER = 3.0  # [Hz] corner frequency of coloured noise
-LARGEST_SHARES = {"noise": 10.0, "coloured noise": 10.0, "jitter": 10.0}  # largest shares; more would hide all
-BURST = 4.0  # mean number of consecutive rows that are lost
-LATE = 0.4  # [periods] largest error of a sampling time
-STAMP = 9  # decimals of time [s]: the clock of a logger counts nanoseconds
+CORNER_FREQUENCY = 3.0  # [Hz] corner frequency of coloured noise
+MAX_SHARES = {"noise": 10.0, "coloured noise": 10.0, "jitter": 10.0}  # largest shares; more would hide all
+MEAN_BURST_ROWS = 4.0  # mean number of consecutive rows that are lost
+MAX_TIME_ERROR = 0.4  # [periods] largest error of a sampling time
+TIME_DECIMALS = 9  # decimals of time [s]: the clock of a logger counts nanoseconds
 
 
 @dataclass(frozen=True)
@@ -44,8 +44,8 @@ class Sensors:
         """
         shares = {"noise": self.noise, "coloured noise": self.coloured_noise, "jitter": self.jitter}
         for name, value in shares.items():
-            if not 0 <= value <= LARGEST_SHARES[name]:
-                raise OptionError(f"{name} is {value:g}; give a share from 0 to {LARGEST_SHARES[name]:g}")
+            if not 0 <= value <= MAX_SHARES[name]:
+                raise OptionError(f"{name} is {value:g}; give a share from 0 to {MAX_SHARES[name]:g}")
         if not 0 <= self.drop_outs < 1:
             raise OptionError(f"drop-outs are {self.drop_outs:g}; give the share of lost rows, from 0 to below 1")
         if self.encoder_bits is not None and not 1 <= self.encoder_bits <= 52:
@@ -91,14 +91,14 @@ def record(
     step = float(simulation.t[1] - simulation.t[0]) if len(simulation.t) > 1 else 1.0
     every = sensors.every(step)
     noise, clock, zeros = (np.random.default_rng([seed, k]) for k in range(3))
-    t, q, tau, asked = _sampled(simulation, every, sensors.jitter * every * step, clock)
-    q = _counted(q, sensors.encoder_bits, robot.prismatic, zeros)
-    tau = tau + _noise(np.sqrt(np.mean(tau**2, axis=0)), len(t), every * step, sensors, noise)
+    t, q, tau, asked = _sampled_signals(simulation, every, sensors.jitter * every * step, clock)
+    q = _quantised(q, sensors.encoder_bits, robot.prismatic, zeros)
+    tau = tau + _torque_noise(np.sqrt(np.mean(tau**2, axis=0)), len(t), every * step, sensors, noise)
     torque = ("abs_tau", np.abs(tau)) if sensors.unsigned else ("tau", tau)
-    columns = {"t": t.round(STAMP)}
+    columns = {"t": t.round(TIME_DECIMALS)}
     for name, values in (("q", q), torque, *([("q_des", asked)] if desired else [])):
         columns |= {f"{name}_{joint}": x for joint, x in zip(robot.joints, values.T, strict=True)}
-    kept = _kept(len(t), sensors.drop_outs, clock)
+    kept = _kept_rows(len(t), sensors.drop_outs, clock)
     return {name: x[kept] for name, x in columns.items()}
 
 
@@ -136,34 +136,34 @@ def record_held(
     t = at[::every]
     if sensors.jitter:
         late = sensors.jitter * every * step * clock.standard_normal(len(t))
-        t = np.clip(t + np.clip(late, -LATE * every * step, LATE * every * step), 0.0, at[-1])
+        t = np.clip(t + np.clip(late, -MAX_TIME_ERROR * every * step, MAX_TIME_ERROR * every * step), 0.0, at[-1])
     row = np.minimum(np.floor(t / step + 1e-6).astype(int), len(at) - 1)
-    positions = _counted(
+    positions = _quantised(
         q[row] if not sensors.jitter else CubicSpline(at, q)(t), sensors.encoder_bits, prismatic, zeros
     )
     speeds = np.column_stack([np.interp(t, at, x) for x in v.T])
-    columns: dict[str, Array] = {"t": np.round(np.asarray(t, float), STAMP)}
+    columns: dict[str, Array] = {"t": np.round(np.asarray(t, float), TIME_DECIMALS)}
     for name, values in (("q", positions), ("dq", speeds)):
         columns |= {f"{name}_{joint}": x for joint, x in zip(joints, values.T, strict=True)}
     columns |= {f"{kind}_{joint}": np.asarray(x[row]) for kind, each in held.items() for joint, x in each.items()}
-    kept = _kept(len(t), sensors.drop_outs, clock)
+    kept = _kept_rows(len(t), sensors.drop_outs, clock)
     return {name: x[kept] for name, x in columns.items()}
 
 
-def _sampled(
+def _sampled_signals(
     simulation: Simulation, every: int, jitter: float, rng: np.random.Generator
 ) -> tuple[Array, Array, Array, Array]:
     """Sampling times, positions, torques and desired positions; jitter in s."""
     s, rows = simulation, slice(None, None, every)
     if not jitter:
         return s.t[rows], s.q[rows], s.tau[rows], s.desired[rows]
-    t, most = s.t[rows], LATE * every * (s.t[1] - s.t[0])
+    t, most = s.t[rows], MAX_TIME_ERROR * every * (s.t[1] - s.t[0])
     t = np.clip(t + np.clip(jitter * rng.standard_normal(len(t)), -most, most), s.t[0], s.t[-1])
     tau = np.column_stack([np.interp(t, s.t, x) for x in s.tau.T])
     return t, CubicSpline(s.t, s.q)(t), tau, CubicSpline(s.t, s.desired)(t)
 
 
-def _counted(q: Array, bits: float | None, prismatic: Mask, rng: np.random.Generator) -> Array:
+def _quantised(q: Array, bits: float | None, prismatic: Mask, rng: np.random.Generator) -> Array:
     """Quantised positions with a random zero between two counts."""
     if bits is None:
         return q
@@ -172,18 +172,18 @@ def _counted(q: Array, bits: float | None, prismatic: Mask, rng: np.random.Gener
     return np.asarray(np.round((q - zero) / count) * count + zero)
 
 
-def _noise(size: Array, rows: int, period: float, sensors: Sensors, rng: np.random.Generator) -> Array:
+def _torque_noise(size: Array, rows: int, period: float, sensors: Sensors, rng: np.random.Generator) -> Array:
     """Torque noise (rows, n) for rms torques (n,); coloured noise is stationary from the first row on."""
     from scipy.signal import lfilter  # slow to import
 
     white, coloured = rng.standard_normal((2, rows, len(size)))
-    keep = float(np.exp(-2 * np.pi * CORNER * period))
+    keep = float(np.exp(-2 * np.pi * CORNER_FREQUENCY * period))
     coloured[1:] *= np.sqrt(1 - keep**2)
     coloured = np.asarray(lfilter([1.0], [1.0, -keep], coloured, axis=0))
     return np.asarray(size * (sensors.noise * white + sensors.coloured_noise * coloured))
 
 
-def _kept(rows: int, lost: float, rng: np.random.Generator) -> Mask:
+def _kept_rows(rows: int, lost: float, rng: np.random.Generator) -> Mask:
     """Mask of the rows that are not lost: alternating runs; the first and the last row are never lost.
 
     Source: Gilbert, Capacity of a burst-noise channel, Bell System Technical Journal 39(5), 1960.
@@ -191,7 +191,7 @@ def _kept(rows: int, lost: float, rng: np.random.Generator) -> Mask:
     kept = np.ones(rows, dtype=bool)
     if not lost:
         return kept
-    burst = max(BURST, lost / (1 - lost))
+    burst = max(MEAN_BURST_ROWS, lost / (1 - lost))
     fail = lost / (1 - lost) / burst
     runs = int(2 * rows * fail) + 10
     lengths = np.column_stack([rng.geometric(fail, runs), rng.geometric(1 / burst, runs)]).ravel()

@@ -22,14 +22,14 @@ from ...types import Array, Frozen, Indices, Law, Result
 from ..rollout.run import Windows, cut_windows, restrict_joints
 from ..rollout.whole import check_whole, position_errors, whole_windows
 
-LEAST = 0.05  # [1] smallest factor of the mass, and of a shape that must be positive
+MIN_FACTOR = 0.05  # [1] smallest factor of the mass, and of a shape that must be positive
 # [1] of a number's size, differences of successive fits: errors are rough where a joint stops, and coarse steps see
 # past that (EMPS: whole runs fitted from four starts end between 2.73 and 2.84 mm, with 1e-5 alone at 2.8 to 3.4 mm)
-STEPS = (1e-2, 1e-3, 1e-4)
-ROWS = 6_000  # residuals per joint at most; further samples are left out evenly
-EVALUATIONS, GAIN = 20, 1e-4  # steps of a fit at most; relative gain of a step that ends it
-MARGIN = 1e-6  # [1] by which bounds lie beyond the start value, which must be inside
-WORST = 1e3  # [1] error of a simulation that diverged, over the scale
+DIFFERENCES = (1e-2, 1e-3, 1e-4)
+MAX_RESIDUALS = 6_000  # residuals per joint at most; further samples are left out evenly
+FIT_STEPS, MIN_GAIN = 20, 1e-4  # steps of a fit at most; relative gain of a step that ends it
+BOUND_MARGIN = 1e-6  # [1] by which bounds lie beyond the start value, which must be inside
+MAX_ERROR = 1e3  # [1] error of a simulation that diverged, over the scale
 LAWS = (  # to choose from
     "asymmetric_friction",
     "position_friction",
@@ -38,16 +38,16 @@ LAWS = (  # to choose from
     "stribeck_friction",
     "torque_ripple",
 )
-BLOCKS, FOLDS = 8, 4  # contiguous parts of a recording, dealt to folds in turn
-NUMBERS = 8  # free numbers of a chosen model at most
-PERIODS = (0.4, 1.0, 2.5, 5.0)  # start values of a law that is periodic in position, in periods over the travel
-SPEEDS = (0.1, 0.4)  # start values of a Stribeck velocity, over the rms speed
-FIRST = (1e-3,), 12  # differences and iterations of the fits from each start value and of the folds
-SEED = 0.02  # [1] start value of a coefficient, over that of a law that explains the whole torque
-ONE, SEVERAL = (2.5, 5.0), (0.5,)  # [s] lengths of windows for one joint, where errors hardly grow, and for several
-STEP = 1e-3  # [s] largest step of a simulation
-MOST_WINDOWS = 200  # windows of a recording at most
-MEANINGFUL = 0.2  # [1] rms error of a roll-out over the motion's standard deviation, up to which whole runs are fitted
+FOLD_BLOCKS, FOLD_COUNT = 8, 4  # contiguous parts of a recording, dealt to folds in turn
+MAX_FREE_NUMBERS = 8  # free numbers of a chosen model at most
+SEED_PERIODS = (0.4, 1.0, 2.5, 5.0)  # start values of a law that is periodic in position, in periods over the travel
+SEED_SPEEDS = (0.1, 0.4)  # start values of a Stribeck velocity, over the rms speed
+FIRST_FIT_STEPS = (1e-3,), 12  # differences and iterations of the fits from each start value and of the folds
+SEED_SHARE = 0.02  # [1] start value of a coefficient, over that of a law that explains the whole torque
+ONE_JOINT_LENGTHS, JOINTS_LENGTHS = (2.5, 5.0), (0.5,)  # [s] of windows; errors of one joint hardly grow
+MAX_REFINEMENT_STEP = 1e-3  # [s] largest step of a simulation
+MAX_REFINEMENT_WINDOWS = 200  # windows of a recording at most
+MAX_RELATIVE_ERROR = 0.2  # [1] rms of a roll-out over the motion's standard deviation, if whole runs are fitted
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,7 @@ def coordinates_of(model: Model) -> FreeNumbers:
     Raises:
         OptionError: the model has none.
     """
-    rows = [(1.0, LEAST, 1.0)] if _slides(model) else []
+    rows = [(1.0, MIN_FACTOR, 1.0)] if _is_slider(model) else []
     for law in free_laws(model):
         coefficients, linear = law.effect.coefficients(law.parameters), list(law.effect.linear().values())
         example = law.effect.coefficients(law.effect.example)
@@ -73,7 +73,7 @@ def coordinates_of(model: Model) -> FreeNumbers:
             bounded = number.positive and value >= 0
             rows.append((value, 0.0 if bounded else -np.inf, max(abs(value), 0.01 * abs(typical), 1e-6)))
         for value in law.effect.shape(law.parameters).values():
-            rows.append((value, LEAST * value if value > 0 else -np.inf, max(abs(value), 1e-6)))
+            rows.append((value, MIN_FACTOR * value if value > 0 else -np.inf, max(abs(value), 1e-6)))
     if not rows:
         raise OptionError("the model has no law whose numbers could be refined; identify it with friction first")
     return FreeNumbers(*map(np.array, zip(*rows, strict=True)))
@@ -82,10 +82,10 @@ def coordinates_of(model: Model) -> FreeNumbers:
 def with_coordinates(model: Model, value: Sequence[float] | Array) -> Model:
     """The model with other free numbers, value (P,) [units of the laws]; its covariance no longer applies."""
     left = [float(x) for x in value]
-    inertials = model.inertials * left.pop(0) if _slides(model) else model.inertials
+    inertials = model.inertials * left.pop(0) if _is_slider(model) else model.inertials
     laws = list[Law]()
     for law in model.laws:
-        if not _free(model, law):
+        if not _is_refined(model, law):
             laws.append(law)
             continue
         count, shape = len(law.effect.coefficients(law.parameters)), law.effect.shape(law.parameters)
@@ -97,20 +97,20 @@ def with_coordinates(model: Model, value: Sequence[float] | Array) -> Model:
 
 def free_laws(model: Model) -> list[Law]:
     """Laws whose numbers are refined."""
-    return [law for law in model.laws if _free(model, law)]
+    return [law for law in model.laws if _is_refined(model, law)]
 
 
-def _free(model: Model, law: Law) -> bool:
-    return isinstance(law.effect, TorqueLaw) or (isinstance(law.effect, Armature) and not _slides(model))
+def _is_refined(model: Model, law: Law) -> bool:
+    return isinstance(law.effect, TorqueLaw) or (isinstance(law.effect, Armature) and not _is_slider(model))
 
 
-def _slides(model: Model) -> bool:
+def _is_slider(model: Model) -> bool:
     """Whether the robot is a single prismatic joint: only its moved mass counts, so the mass is free."""
     return len(model.robot.joints) == 1 and bool(model.robot.prismatic[0])
 
 
 def fit_windows(
-    model: Model, windows: Sequence[Windows], scale: Array, steps: Sequence[float] = STEPS, most: int = EVALUATIONS
+    model: Model, windows: Sequence[Windows], scale: Array, steps: Sequence[float] = DIFFERENCES, most: int = FIT_STEPS
 ) -> Model:
     """The model with the free numbers that make roll-outs of these windows follow the recorded positions.
 
@@ -125,13 +125,13 @@ def fit_windows(
     for step in steps:
         if seconds_left() <= 0:  # the best so far
             break
-        found, now = _fit(best, windows, scale, step, most)
+        found, now = _fit_once(best, windows, scale, step, most)
         if now < cost:
             best, cost = found, now
     return best
 
 
-def _fit(model: Model, windows: Sequence[Windows], scale: Array, step: float, most: int) -> tuple[Model, float]:
+def _fit_once(model: Model, windows: Sequence[Windows], scale: Array, step: float, most: int) -> tuple[Model, float]:
     """One fit with differences of one size, and its sum of squares."""
     start = coordinates_of(model)
     x0 = np.maximum(start.value, start.lower) / start.size
@@ -143,9 +143,9 @@ def _fit(model: Model, windows: Sequence[Windows], scale: Array, step: float, mo
         here = residuals(x)
         return np.column_stack([(residuals(x + e) - here) / step for e in np.eye(len(x)) * step])
 
-    low = start.lower / start.size - MARGIN * np.isfinite(start.lower)
+    low = start.lower / start.size - BOUND_MARGIN * np.isfinite(start.lower)
     found = least_squares(
-        residuals, x0, jac=jacobian, bounds=(low, np.inf), x_scale="jac", max_nfev=most, ftol=GAIN, xtol=GAIN
+        residuals, x0, jac=jacobian, bounds=(low, np.inf), x_scale="jac", max_nfev=most, ftol=MIN_GAIN, xtol=MIN_GAIN
     )
     x = np.maximum(found.x, start.lower / start.size)
     return with_coordinates(model, x * start.size), float(np.sum(residuals(x) ** 2))
@@ -171,9 +171,9 @@ def _residuals(model: Model, windows: Sequence[Windows], scale: Array) -> Array:
             errors = position_errors(model, one)
         except InputError:  # numbers with which the model cannot be simulated
             errors = np.full_like(one.q[:, 1:], np.inf)
-        thin = max(1, total // ROWS)
+        thin = max(1, total // MAX_RESIDUALS)
         measured = errors[:, ::-1][:, ::thin][..., one.measured] / size[one.measured]
-        out.append(np.clip(np.nan_to_num(measured, nan=WORST, posinf=WORST, neginf=-WORST), -WORST, WORST).ravel())
+        out.append(np.clip(np.where(np.isnan(measured), MAX_ERROR, measured), -MAX_ERROR, MAX_ERROR).ravel())
     return np.concatenate(out)
 
 
@@ -193,11 +193,11 @@ class LawTrial(Frozen):
             return float(np.exp(np.mean(np.log(self.errors))))
 
 
-def choose(model: Model, windows: Sequence[Windows], scale: Array, candidates: Sequence[str]) -> list[LawTrial]:
+def choose_laws(model: Model, windows: Sequence[Windows], scale: Array, candidates: Sequence[str]) -> list[LawTrial]:
     """All trials of a stepwise search; the last one is chosen.
 
     In each round every candidate is added alone. The one with the smallest error of held-out windows is taken if it has
-    at most `NUMBERS` free numbers and is better than the model before by more than a standard error.
+    at most `MAX_FREE_NUMBERS` free numbers and is better than the model before by more than a standard error.
 
     Args:
         model: start values.
@@ -208,16 +208,16 @@ def choose(model: Model, windows: Sequence[Windows], scale: Array, candidates: S
     Raises:
         OptionError: a law is not among `LAWS`, or the robot has several joints.
     """
-    _check(model, candidates)
+    _check_laws(model, candidates)
     chosen, others, left = cross_validate(model, windows, scale), list[LawTrial](), list(candidates)
     while left:
-        found = {name: _added(chosen.model, name, windows, scale) for name in left}
-        able = {name: trial for name, trial in found.items() if trial is not None and trial.numbers <= NUMBERS}
+        found = {name: _best_addition(chosen.model, name, windows, scale) for name in left}
+        able = {name: trial for name, trial in found.items() if trial is not None and trial.numbers <= MAX_FREE_NUMBERS}
         others += able.values()
         if not able:
             break
         name = min(able, key=lambda name: able[name].score)
-        if not better(able[name].errors, chosen.errors):
+        if not is_better(able[name].errors, chosen.errors):
             break
         others, chosen = [*(trial for trial in others if trial is not able[name]), chosen], able[name]
         left.remove(name)
@@ -233,13 +233,13 @@ def cross_validate(model: Model, windows: Sequence[Windows], scale: Array) -> La
         scale: (n,) [rad or m] size of the errors of each joint, as weights.
     """
     errors = list[Array]()
-    folds = [np.minimum(np.arange(len(w.t)) * BLOCKS // len(w.t), BLOCKS - 1) % FOLDS for w in windows]
+    folds = [np.minimum(np.arange(len(w.t)) * FOLD_BLOCKS // len(w.t), FOLD_BLOCKS - 1) % FOLD_COUNT for w in windows]
     for w in windows:
         errors.append(np.full((len(w.t), w.q.shape[2]), np.inf))
     fitted = fit_windows(model, windows, scale)
-    for k in range(FOLDS):
+    for k in range(FOLD_COUNT):
         learn = [subset(w, np.flatnonzero(f != k)) for w, f in zip(windows, folds, strict=True) if (f != k).any()]
-        found = fit_windows(fitted, learn, scale, *FIRST) if learn else model
+        found = fit_windows(fitted, learn, scale, *FIRST_FIT_STEPS) if learn else model
         for w, fold, out in zip(windows, folds, errors, strict=True):
             if (fold == k).any():
                 out[fold == k] = window_rms(found, [subset(w, np.flatnonzero(fold == k))])
@@ -247,7 +247,7 @@ def cross_validate(model: Model, windows: Sequence[Windows], scale: Array) -> La
     return LawTrial(fitted, names, len(coordinates_of(model).value), np.concatenate(errors))
 
 
-def better(errors: Array, before: Array) -> bool:
+def is_better(errors: Array, before: Array) -> bool:
     """Whether errors of windows are smaller by more than a standard error of their mean log ratio.
 
     Args:
@@ -261,30 +261,30 @@ def better(errors: Array, before: Array) -> bool:
     return bool(gain.mean() > gain.std() / np.sqrt(len(gain)))
 
 
-def _added(model: Model, name: str, windows: Sequence[Windows], scale: Array) -> LawTrial | None:
+def _best_addition(model: Model, name: str, windows: Sequence[Windows], scale: Array) -> LawTrial | None:
     """The best trial of a law beside the others, over its start values; None where nothing changes friction."""
     effect, own = EFFECTS[name], {law.effect.name for law in model.laws}
     if name in own or (effect.changes and not own & set(effect.changes)):
         return None
-    starts = [fit_windows(start, windows, scale, *FIRST) for start in _starts(model, name, windows)]
+    starts = [fit_windows(start, windows, scale, *FIRST_FIT_STEPS) for start in _law_starts(model, name, windows)]
     cost = [float(np.mean(window_rms(start, windows) ** 2)) for start in starts]
     return cross_validate(starts[int(np.argmin(cost))], windows, scale)
 
 
-def _starts(model: Model, name: str, windows: Sequence[Windows]) -> Iterator[Model]:
+def _law_starts(model: Model, name: str, windows: Sequence[Windows]) -> Iterator[Model]:
     """Models with a law of some start values; a law replaces those that it contains."""
     effect = EFFECTS[name]
     torque, speed = (_rms([getattr(w, key) for w in windows]) for key in ("torque", "v"))
     travel = float(np.ptp(np.concatenate([w.q.ravel() for w in windows])))
     per = {"N.m": 1.0, "N.m.s/rad": speed, "N.m.s2/rad2": speed**2, "N.m/rad": travel}
     linear, inside = effect.linear(), [law for law in model.laws if law.effect.name in effect.contains]
-    seeds = {key: 0.0 if inside else SEED * torque / per.get(x.unit, np.inf) for key, x in linear.items()}
+    seeds = {key: 0.0 if inside else SEED_SHARE * torque / per.get(x.unit, np.inf) for key, x in linear.items()}
     for law in inside:
         (value,) = law.effect.coefficients(law.parameters)
         for key, factor in effect.contains[law.effect.name].items():
             seeds[key] += factor * value
     rest = tuple(law for law in model.laws if law not in inside)
-    grids = {"frequency": [2 * np.pi * x / travel for x in PERIODS], "velocity": [x * speed for x in SPEEDS]}
+    grids = {"frequency": [2 * np.pi * x / travel for x in SEED_PERIODS], "velocity": [x * speed for x in SEED_SPEEDS]}
     keys = list(effect.shape(effect.example))
     for values in zip(*(grids[key] for key in keys), strict=True) if keys else [()]:
         shape = dict(zip(keys, map(float, values), strict=True))
@@ -296,7 +296,7 @@ def _rms(signals: Sequence[Array]) -> float:
     return float(np.sqrt(np.mean(np.concatenate([x.ravel() for x in signals]) ** 2)))
 
 
-def _check(model: Model, candidates: Sequence[str]) -> None:
+def _check_laws(model: Model, candidates: Sequence[str]) -> None:
     if not candidates:
         return
     if wrong := [name for name in candidates if name not in LAWS]:
@@ -338,7 +338,7 @@ class Refinement(Result):
 
 
 @dataclass(frozen=True, eq=False)
-class _Data(Frozen):
+class _Split(Frozen):
     """Windows to learn from and to judge by; the latter are the former where nothing is held out."""
 
     train: tuple[Windows, ...]
@@ -398,13 +398,13 @@ def refine_parts(
         OptionError: unknown candidates, no law to refine, or a length that is not positive.
         RecordingError: a recording is shorter than the windows.
     """
-    lengths = tuple(lengths) or (ONE if len(model.robot.joints) == 1 else SEVERAL)
+    lengths = tuple(lengths) or (ONE_JOINT_LENGTHS if len(model.robot.joints) == 1 else JOINTS_LENGTHS)
     if wrong := [length for length in lengths if not (np.isfinite(length) and length > 0)]:
         raise OptionError(f"windows of {wrong[0]:g} s cannot be simulated; give a length above 0 s")
     data = _cut(model, train, held_out, band, lengths)
-    trials = choose(model, data.train, data.scale, candidates) if candidates else []
+    trials = choose_laws(model, data.train, data.scale, candidates) if candidates else []
     fitted = trials[-1].model if trials else fit_windows(model, data.train, data.scale)
-    ended, whole = _whole(fitted, train, data.train)
+    ended, whole = _fit_whole(fitted, train, data.train)
     before = window_rms(model, data.held_out)
     if held_out:
         after = window_rms(ended, data.held_out)
@@ -416,26 +416,26 @@ def refine_parts(
     return Refinement(ended if kept else model, kept, lengths, whole and kept, unit, first, last, tuple(trials))
 
 
-def _cut(model: Model, train: Sequence[Part], held_out: Sequence[Part], band: Band, lengths: Sequence[float]) -> _Data:
+def _cut(model: Model, train: Sequence[Part], held_out: Sequence[Part], band: Band, lengths: Sequence[float]) -> _Split:
     """Windows that overlap by half, torque held from each sample to the next."""
 
     def cut(part: Part, length: float) -> Windows:
-        count = int(np.clip(2 * part[1].duration / length, 1, MOST_WINDOWS))
-        return cut_windows(model, part, band, length, count, STEP, held=True)
+        count = int(np.clip(2 * part[1].duration / length, 1, MAX_REFINEMENT_WINDOWS))
+        return cut_windows(model, part, band, length, count, MAX_REFINEMENT_STEP, held=True)
 
     learned, judged = (tuple(cut(part, length) for part in parts for length in lengths) for parts in (train, held_out))
     errors = np.median(window_rms(model, learned), axis=0)
-    motion = _motion(learned)
-    return _Data(learned, judged or learned, np.where(errors > 0, np.minimum(errors, motion), motion))
+    motion = _motion_std(learned)
+    return _Split(learned, judged or learned, np.where(errors > 0, np.minimum(errors, motion), motion))
 
 
-def _motion(windows: Sequence[Windows]) -> Array:
+def _motion_std(windows: Sequence[Windows]) -> Array:
     """Standard deviation (n,) [rad or m] of the recorded positions; 1 for a joint at rest."""
     q = np.concatenate([w.q.reshape(-1, w.q.shape[2]) for w in windows])
     return np.where(q.std(axis=0) > 0, q.std(axis=0), 1.0)
 
 
-def _whole(model: Model, train: Sequence[Part], windows: Sequence[Windows]) -> tuple[Model, bool]:
+def _fit_whole(model: Model, train: Sequence[Part], windows: Sequence[Windows]) -> tuple[Model, bool]:
     """The model fitted to windows and whole recordings together, if roll-outs stay near the motion; whether it was.
 
     Both count by their own error, so that the drift of one run does not spoil the windows. Measured on EMPS, two thirds
@@ -447,7 +447,7 @@ def _whole(model: Model, train: Sequence[Part], windows: Sequence[Windows]) -> t
     except InputError:
         return model, False
     runs = [one for part in train for one in whole_windows(model, part)]
-    if not runs or not (window_rms(model, runs) < MEANINGFUL * _motion(runs)).all():
+    if not runs or not (window_rms(model, runs) < MAX_RELATIVE_ERROR * _motion_std(runs)).all():
         return model, False
     together = [*windows, *runs]
     errors = np.array([np.sqrt(np.mean(window_rms(model, [one]) ** 2, axis=0)) for one in together])

@@ -20,13 +20,13 @@ from ...regression.motion import Motion, build_motion, margin
 from ...regression.session import Part, Session, common_rate, longest_piece
 from ...robot import hold, resting
 from ...typed import typed
-from ...types import Array, Frozen, Indices, Law, Mask, Recording, Result, Robot
+from ...types import Array, Frozen, Indices, Law, Mask, Recording, Result
 from ..plant.plant import Plant, apply_actuators
 
-COUNT, STEP = 48, 1e-3  # default number of windows, and largest step [s]
-FAR = 1e3  # [rad or m] error from which on a simulation has diverged
-BEYOND = 1e6  # [rad, m, rad/s or m/s] state from which on a simulation is stopped before it overflows
-BEFORE, AFTER = 1.0, 0.1  # [s] motion before a window for laws with memory; largest shift of signals by recording laws
+WINDOW_COUNT, MAX_ROLLOUT_STEP = 48, 1e-3  # default number of windows, and largest step [s]
+MAX_POSITION_ERROR = 1e3  # [rad or m] error from which on a simulation has diverged
+MAX_STATE = 1e6  # [rad, m, rad/s or m/s] state from which on a simulation is stopped before it overflows
+MEMORY_DURATION, MAX_RECORDING_SHIFT = 1.0, 0.1  # [s] before a window for laws with memory; by recording laws
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,9 +86,9 @@ def roll_out(
     recordings: Recordings | Session,
     horizons: Sequence[float] = (0.2, 0.5),
     *,
-    windows: int = COUNT,
+    windows: int = WINDOW_COUNT,
     band: Band | None = None,
-    step: float = STEP,
+    step: float = MAX_ROLLOUT_STEP,
     integrator: str = "semi-implicit",
     beside: Model | None = None,
 ) -> RollOut:
@@ -117,9 +117,12 @@ def roll_out(
         RecordingError: a recording cannot be used, or no stretch of it is long enough.
     """
     model = torque_model(as_model(model, "roll_out"))
-    each = _each(recordings, model.robot)
+    if isinstance(recordings, Session):
+        each = [recording for recording, _ in recordings.held_out]
+    else:
+        each = as_recordings(recordings, model.robot, "roll_out")
     need_torque(each)
-    _check(each, horizons, windows, step)
+    _check_windows(each, horizons, windows, step)
     model, notes = restrict_joints(model, each)
     if isinstance(recordings, Session):
         parts, band = list(recordings.held_out), band or recordings.task.band
@@ -149,13 +152,7 @@ def roll_out(
     )
 
 
-def _each(given: Recordings | Session, robot: Robot) -> list[Recording]:
-    if isinstance(given, Session):
-        return [recording for recording, _ in given.held_out]
-    return as_recordings(given, robot, "roll_out")
-
-
-def _check(recordings: Sequence[Recording], horizons: Sequence[float], windows: int, step: float) -> None:
+def _check_windows(recordings: Sequence[Recording], horizons: Sequence[float], windows: int, step: float) -> None:
     if not recordings:
         raise OptionError("no recording was given; give at least one")
     if still := [recording.path or "the recording" for recording in recordings if recording.static]:
@@ -190,7 +187,7 @@ def simulate_windows(model: Model, windows: Windows, integrator: str = "semi-imp
     with np.errstate(all="ignore"):
         for k, torque in enumerate(windows.torque.swapaxes(0, 1), 1):
             plant.advance(windows.t + (k - 1) * windows.step, torque)
-            still = (np.abs(plant.state) < BEYOND) & (np.abs(plant.speed) < BEYOND)
+            still = (np.abs(plant.state) < MAX_STATE) & (np.abs(plant.speed) < MAX_STATE)
             diverged |= ~still.all(axis=1, keepdims=True)
             if diverged.any():
                 plant.state, plant.speed = np.where(diverged, 0.0, plant.state), np.where(diverged, 0.0, plant.speed)
@@ -201,7 +198,7 @@ def simulate_windows(model: Model, windows: Windows, integrator: str = "semi-imp
                 plant.state, plant.speed = plant.state.copy(), plant.speed.copy()
                 plant.state[:, blind] = ahead[:, i, ~windows.measured]
                 plant.speed[:, blind] = windows.v[:, i, ~windows.measured]
-    error = np.where(np.abs(error) < FAR, error, np.inf)
+    error = np.where(np.abs(error) < MAX_POSITION_ERROR, error, np.inf)
     error[..., ~windows.measured] = np.nan
     return error
 
@@ -290,12 +287,12 @@ def cut_windows(
     period = sampling.period
     stride, parts = max(1, int(step / period * (1 + 1e-9))), max(1, int(np.ceil(period / step * (1 - 1e-9))))
     size = stride * max(1, round(length / (stride * period)))
-    before, after = _reach(model, period)
-    more = _reach(model if beside is None else beside, period)
+    before, after = _memory_samples(model, period)
+    more = _memory_samples(model if beside is None else beside, period)
     edge, after = margin(band), max(after, more[1])
     lead = max(before, after, *more)
     whole = edge + lead + size + after + edge + 1
-    places = _places(sampling, whole, count)
+    places = _window_starts(sampling, whole, count)
     if not places:
         longest = max(sampling.length(span) for span in sampling.spans) * period
         raise RecordingError(
@@ -303,7 +300,7 @@ def cut_windows(
             f"filters included, but the longest stretch lasts {longest:.3g} s; choose shorter horizons"
         )
     motions = [
-        _acted(model, build_motion(model.robot, samples(recording, sampling, span, k, k + whole), band, period))
+        _acted_motion(model, build_motion(model.robot, samples(recording, sampling, span, k, k + whole), band, period))
         for span, k in places
     ]
     q, v, torque = (np.stack([getattr(m, key) for m in motions]) for key in ("q", "v", "recorded"))
@@ -315,7 +312,7 @@ def cut_windows(
         parts=parts,
         q=q[:, states],
         v=v[:, states],
-        torque=_means(torque[:, inside], stride, parts, held),
+        torque=_mean_torques(torque[:, inside], stride, parts, held),
         flex=np.stack([_deflections(model, m, lead) for m in motions], axis=1),
         before=v[:, lead - before : lead],
         measured=np.array([bool(c) for c in recording.columns["tau"]]),
@@ -323,14 +320,14 @@ def cut_windows(
     )
 
 
-def _reach(model: Model, period: float) -> tuple[int, int]:
+def _memory_samples(model: Model, period: float) -> tuple[int, int]:
     """Samples that laws with memory need before a window, and samples by which recording laws shift signals."""
     remembers = any(law.effect.memory or isinstance(law.effect, TransmissionLaw) for law in model.laws)
-    before = int(np.ceil(BEFORE / period)) if remembers else 0
-    return before, int(np.ceil(AFTER / period)) if model.of(RecordingLaw) else 0
+    before = int(np.ceil(MEMORY_DURATION / period)) if remembers else 0
+    return before, int(np.ceil(MAX_RECORDING_SHIFT / period)) if model.of(RecordingLaw) else 0
 
 
-def _places(sampling: Sampling, whole: int, count: int) -> list[tuple[Span, int]]:
+def _window_starts(sampling: Sampling, whole: int, count: int) -> list[tuple[Span, int]]:
     """Spans and their samples at which windows begin, evenly spaced over all possible starts."""
     rooms = [(span, sampling.length(span) - whole + 1) for span in sampling.spans]
     rooms = [(span, room) for span, room in rooms if room > 0]
@@ -342,7 +339,7 @@ def _places(sampling: Sampling, whole: int, count: int) -> list[tuple[Span, int]
     return [(rooms[i][0], int(k - ends[i] + rooms[i][1])) for k, i in zip(found, which, strict=True)]
 
 
-def _acted(model: Model, motion: Motion) -> Motion:
+def _acted_motion(model: Model, motion: Motion) -> Motion:
     """Motion with recording and actuator laws applied; missing torque is the one that the model predicts."""
     motion = model.acted(motion)
     assert motion.recorded is not None, "windows carry torque"
@@ -371,7 +368,7 @@ def _deflections(model: Model, motion: Motion, k: int) -> Array:
     return out
 
 
-def _means(torque: Array, stride: int, parts: int, held: bool) -> Array:
+def _mean_torques(torque: Array, stride: int, parts: int, held: bool) -> Array:
     """Mean torque of each step, for torque (W, N, n) that is linear between samples, or held from each to the next."""
     if held:
         torque = torque[:, :-1].reshape(len(torque), -1, stride, torque.shape[2]).mean(axis=2)

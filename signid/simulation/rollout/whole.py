@@ -19,7 +19,7 @@ from ...robot import configuration
 from ...robot.dynamics import joint_inertia
 from ...types import Array, Indices, Recording, Result
 from ..plant.plant import apply_actuators
-from .run import STEP, Windows, restrict_joints, simulate_windows
+from .run import MAX_ROLLOUT_STEP, Windows, restrict_joints, simulate_windows
 
 (
     INERTIA,
@@ -54,7 +54,7 @@ SLOTS: Mapping[str, tuple[tuple[tuple[int, ...], ...], Mapping[str, int]]] = {
     "position_friction": (((WAVE_SINE,), (WAVE_COSINE,)), {"frequency": WAVE}),
     "torque_ripple": (((RIPPLE_SINE,), (RIPPLE_COSINE,)), {"frequency": RIPPLE}),
 }
-START = 20  # samples whose line gives the start state; they do not count (EMPS, nonlinearbenchmark.org)
+START_SAMPLES = 20  # samples whose line gives the start state; they do not count (EMPS, nonlinearbenchmark.org)
 
 
 def one_joint_numbers(model: Model) -> Array | None:
@@ -66,7 +66,7 @@ def one_joint_numbers(model: Model) -> Array | None:
     shaped = [law.effect.name for law in laws if law.effect.name in SLOTS and SLOTS[law.effect.name][1]]
     if any(law.effect.name not in SLOTS for law in laws) or len(set(shaped)) < len(shaped):
         return None
-    out = _bodies(model)
+    out = _body_numbers(model)
     out[SPEED] = 1.0
     for law in laws:
         places, shapes = SLOTS[law.effect.name]
@@ -77,7 +77,7 @@ def one_joint_numbers(model: Model) -> Array | None:
     return out
 
 
-def _bodies(model: Model) -> Array:
+def _body_numbers(model: Model) -> Array:
     """Numbers of the bodies: inertia, and gravity as a constant or a wave of the angle."""
     bodies, out = model.bodies(), np.zeros(COUNT)
     data, drive = bodies.createData(), model.robot.drive[:, 0]
@@ -191,13 +191,13 @@ def roll_out_whole(model: ModelSource, recordings: Recordings) -> WholeRollOut:
         for windows in whole_windows(model, (recording, survey(recording, model.robot)))
     ]
     if not found:
-        raise OptionError(f"every stretch of the recordings has less than {2 * START} samples; record longer")
+        raise OptionError(f"every stretch of the recordings has less than {2 * START_SAMPLES} samples; record longer")
     return WholeRollOut(
         joints=model.robot.joints,
         unit=tuple("m" if prismatic else "rad" for prismatic in model.robot.prismatic),
         recording=np.array([k for k, _, _ in found]),
-        t=tuple(w.t[0] + w.period * np.arange(START, w.q.shape[1]) for _, w, _ in found),
-        error=tuple(error[START - 1 :] for _, _, error in found),
+        t=tuple(w.t[0] + w.period * np.arange(START_SAMPLES, w.q.shape[1]) for _, w, _ in found),
+        error=tuple(error[START_SAMPLES - 1 :] for _, _, error in found),
         motion=np.concatenate([w.q[0] for _, w, _ in found]).std(axis=0),
         notes=notes,
     )
@@ -208,11 +208,11 @@ def whole_windows(model: Model, part: Part) -> list[Windows]:
     recording, sampling = part
     out = []
     for span in sampling.spans:
-        if (count := sampling.length(span)) < 2 * START:
+        if (count := sampling.length(span)) < 2 * START_SAMPLES:
             continue
         rows, period = samples(recording, sampling, span, 0, count), sampling.period
-        (v, q), tail = np.polyfit(period * np.arange(START), rows.q[:START], 1), rows.q[1:]
-        parts = max(1, int(np.ceil(period / STEP * (1 - 1e-9))))
+        (v, q), tail = np.polyfit(period * np.arange(START_SAMPLES), rows.q[:START_SAMPLES], 1), rows.q[1:]
+        parts = max(1, int(np.ceil(period / MAX_ROLLOUT_STEP * (1 - 1e-9))))
         torque = apply_actuators(model.of(ActuatorLaw), rows.tau[:-1])
         out.append(
             Windows(

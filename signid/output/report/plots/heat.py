@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....estimation.excitation import ENOUGH, ExcitationVerdict
+from ....estimation.excitation import MIN_INFO, ExcitationVerdict
 from ....estimation.fit_quality import Course
 from ....types import Array
 from ..layout import plot_markup
@@ -173,7 +173,7 @@ def excitation_plot(found: ExcitationVerdict) -> Plot:
         "hovertemplate": plot_markup("direction %{x}: %{y:.3g} %<extra></extra>"),
     }
     ends = [0.5, len(shares) + 0.5]
-    line = {"type": "scatter", "mode": "lines", "x": ends, "y": [100 * ENOUGH] * 2, "hoverinfo": "skip"}
+    line = {"type": "scatter", "mode": "lines", "x": ends, "y": [100 * MIN_INFO] * 2, "hoverinfo": "skip"}
     layout = {
         "xaxis": axis("direction, weakest first [1]"),
         "yaxis": axis("share of information [%]", type="log", tickformat="~g"),

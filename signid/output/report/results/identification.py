@@ -11,7 +11,7 @@ import numpy as np
 from rich.console import RenderableType
 
 from ....effects.base import Effect
-from ....estimation.excitation import ENOUGH
+from ....estimation.excitation import MIN_INFO
 from ....model import standard_parameters, stated_inertials
 from ....types import TWO_SIDED, Array, BaseMap, Input, Law, pseudo_inertia
 from ..documents import Document, description, ending, excitation_verdict, fit_document, opening, recorded, rms
@@ -185,7 +185,7 @@ def excited_words(found: ExcitationVerdict) -> str:
     least = share(max(float(found.shares[0]), 0.0)) if len(found.shares) else "0 %"
     reached = f"the weakest direction has {least} of the information of a random motion of the same size"
     verdict = "sufficient" if found.sufficient else "insufficient"
-    sentence = f"Excitation {verdict}: {reached} ({share(ENOUGH)} needed)."
+    sentence = f"Excitation {verdict}: {reached} ({share(MIN_INFO)} needed)."
     if found.small:
         be = "is" if len(found.small) == 1 else "are"
         sentence += f" {plural(len(found.small), 'base parameter')} {be} too small to affect this torque."
@@ -297,7 +297,7 @@ def _cards(result: Identification, j: int) -> Iterator[Card]:
     yield Card(f"residual torque of {fit.joints[j]}, held out", size, beside)
     shares = result.excitation.shares
     least = share(max(float(shares[0]), 0.0)) if len(shares) else "-"
-    yield Card("excitation, weakest direction", least, f"{share(ENOUGH)} of the information of random motion needed")
+    yield Card("excitation, weakest direction", least, f"{share(MIN_INFO)} of the information of random motion needed")
     yield from (Card(*x.titled) for x in whole_numbers(result))
 
 

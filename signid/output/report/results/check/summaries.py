@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich.console import RenderableType
 
-from .....estimation.excitation import ENOUGH
+from .....estimation.excitation import MIN_INFO
 from .....faults import OF_A_FIT
 from .....faults.gravity import WHOLE
 from .....types import TWO_SIDED, Array, Input
@@ -167,7 +167,7 @@ def _headline(found: Check, faults: Sequence[FaultWords], which: Identifiable) -
     left += f", {len(which.unidentifiable)} not" if which.unidentifiable else ""
     if not found.excitation.sufficient:
         weakest = f"{max(float(found.excitation.shares[0]), 0.0):.2%} of the information of a random motion"
-        return LIMITED, f"Too little excitation: the weakest direction has {weakest} ({share(ENOUGH)} needed); {left}"
+        return LIMITED, f"Too little excitation: the weakest direction has {weakest} ({share(MIN_INFO)} needed); {left}"
     if len(which.identifiable) < MIN_IDENTIFIABLE_SHARE * which.total:
         some = f"only {len(which.identifiable)} of {plural(which.total, which.noun)} identifiable"
         others = f"{len(which.weak)} weakly, {len(which.unidentifiable)} not within the uncertainty of the torque"
