@@ -16,13 +16,14 @@ from ...model import Model, ModelSource, as_model, command_model
 from ...recording import Recordings, as_recordings
 from ...regression.session import only_once
 from ...robot import as_robot
+from ...robot.joints import alike
 from ...servos import Servo, ServoGrid
 from ...typed import typed
 from ...types import Array, Progress, Recording
 from ..fit import ServoFit, fit_servos, start_servos
-from ..given import given_texts
+from ..given import OWN, given_texts
 from ..plant.course import LONGEST, bodies_of
-from ..search.choice import LOUDER, Candidate, ServoTrial, improved, worth
+from ..search.choice import LOUDER, Candidate, ServoTrial, improved, supported, worth
 from ..search.data import ServoData, loop_error, servo_data, thinned
 from ..search.laws import rare_limits, try_laws
 from ..search.searcher import FIRST, Chosen, KnownLimits, Searcher, ServoOptions
@@ -51,6 +52,7 @@ GROWS, SURE = 1.05, 2.0  # rms, and its growth in standard errors over windows, 
 STEPS = 4  # most iterations of a fit
 EQUAL = ("effort", "duty")  # the same law while nothing saturates
 MORE = 6  # most iterations from a fit with one number less
+FAR = 2.0  # residual over that of a joint that is alike by name, from which its numbers are tried
 LOOSE = 0.15  # residual over the error of the loop from which limits are tried before friction
 
 
@@ -357,8 +359,32 @@ def search(by: Searcher, start: Candidate, limits: KnownLimits) -> Chosen:
     for k, name in enumerate(by.options.additional):
         by.say(f"trying {name} of servos", 0.6 + 0.2 * k / len(by.options.additional))
         base = _try_without(by, _try_number(by, base, name), name)
+    base = _like_others(by, base, limits)
     base = by.shorten(base) if base.candidate.window else by.lengthen(base)
     return Chosen(base.candidate, laws)
+
+
+def _like_others(by: Searcher, base: ServoTrial, limits: KnownLimits) -> ServoTrial:
+    """Fit joints again that are fitted far worse than another one alike by name, from its law and numbers."""
+    start, again = base.candidate, list[str]()
+    for members in alike(tuple(base.residual)):
+        best = min(members, key=lambda joint: base.residual[joint])
+        like = [number for one, number in base.candidate.free if one == best]
+        for joint in (one for one in members if base.residual[one] > FAR * base.residual[best]):
+            own = {number for one, number in base.candidate.free if one == joint}
+            numbers = {name: getattr(start.servos[best], name) for name in {*own, *like} - {OWN}}
+            servo = replace(start.servos[joint], law=limits.laws.get(joint, start.servos[best].law)).with_(**numbers)
+            rest = tuple(one for one in start.free if one[0] != joint)
+            start, again = (
+                replace(start, free=rest).changed({joint: servo}, [(joint, x) for x in like]),
+                [*again, joint],
+            )
+    if not again:
+        return base
+    near = by.near(again)
+    base, new = by.score(base, near), by.score(by.fit(start.only(near)), near)
+    better = improved(base, new, worth(base, new, again))
+    return base.with_joints(new.only(by.near(better))) if better else base
 
 
 def _try_number(by: Searcher, base: ServoTrial, name: str) -> ServoTrial:
@@ -375,7 +401,7 @@ def _try_number(by: Searcher, base: ServoTrial, name: str) -> ServoTrial:
         new = by.fit(start.only(near).changed({}, [(joint, name) for joint in promising]), MORE)
     base = by.score(base, near)
     new = by.score(new, near)
-    kept = improved(base, new, promising)
+    kept = supported(by.data, base, new, improved(base, new, promising), joints)
     if not kept:
         return base
     if kept != promising:
