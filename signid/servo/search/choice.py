@@ -178,9 +178,9 @@ def _seconds(grid: ServoGrid) -> list[slice]:
     return [slice(a, a + step) for a in range(0, max(len(grid) - step, 0) + 1, step)]
 
 
-def worth(before: ServoTrial, after: ServoTrial, joints: Sequence[str]) -> list[str]:
+def worth(before: ServoTrial, after: ServoTrial, joints: Sequence[str], ratio: float = WORTH) -> list[str]:
     """Joints whose training data a change fits notably better."""
-    return [joint for joint in joints if after.residual[joint] < WORTH * before.residual[joint]]
+    return [joint for joint in joints if after.residual[joint] < ratio * before.residual[joint]]
 
 
 def improved(before: ServoTrial, after: ServoTrial, joints: Sequence[str]) -> list[str]:
