@@ -10,7 +10,7 @@ import numpy as np
 from ...effects import DRIVE_EFFECTS
 from ...effects.drive import DriveLaw, Reach, Twin, scaled
 from ...effects.servo_damping import OFF
-from ...servos import JOINT_LAWS, LOOP_UNITS, SERVO_NUMBERS, Servo
+from ...servos import JOINT_LAWS, SERVO_NUMBERS, Servo
 
 GRAVITY = "repeat in a posture with another gravity torque: the offset stays, a shifted zero of the command does not"
 
@@ -38,10 +38,6 @@ class DriveHypothesis:
     def parameter(self, number: str) -> str:
         """Key of one of its numbers in diagnosis.json."""
         return dict(zip((*self.numbers, *self.shape), self.keys, strict=False)).get(number, number)
-
-    def unit(self, number: str) -> str:
-        """Unit of one of its numbers at a revolute joint."""
-        return LOOP_UNITS[number]
 
     def stated_exactly(self, before: Servo, after: Servo) -> bool:
         """Whether the change of the first number is within the tolerance of stated numbers."""

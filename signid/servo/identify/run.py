@@ -296,8 +296,18 @@ def _squares(model: Model, data: ServoData, fit: ServoFit, changes: int, window:
     late = BETWEEN.get(changes, 0.0) * data.train[0].step
     servos = {joint: servo.with_(delay=servo.delay + late) for joint, servo in fit.servos.items()}
     grids = [_refined(grid, changes) for grid in data.train]
-    how = {"relinearise": False, "scales": False, "coarse": True}
-    return fit_servos(model, grids, servos, fit.free, window=window, iterations=STEPS, **how).window_squares
+    new = fit_servos(
+        model,
+        grids,
+        servos,
+        fit.free,
+        window=window,
+        relinearise=False,
+        iterations=STEPS,
+        scales=False,
+        coarse=True,
+    )
+    return new.window_squares
 
 
 def _refined(grid: ServoGrid, changes: int) -> ServoGrid:
@@ -346,8 +356,8 @@ def search(by: Searcher, start: Candidate, limits: KnownLimits) -> Chosen:
         by.say("trying laws of servos", 0.15)
         base, found = try_laws(by, base, first, limits, loose)
         laws.update({joint: p for joint, p in found.items() if joint not in limits.laws})
-    before, first = base.candidate.free, by.options.additional[:1] == (FIRST,)
-    if first:
+    before = base.candidate.free
+    if early := by.options.additional[:1] == (FIRST,):
         by.say(f"trying {FIRST} of servos", 0.35)
         base = _try_number(by, base, FIRST)
     tried = base
@@ -358,7 +368,7 @@ def search(by: Searcher, start: Candidate, limits: KnownLimits) -> Chosen:
         by.say("trying laws of servos", 0.4)
         base, found = try_laws(by, base, again, limits)
         laws.update({joint: p for joint, p in found.items() if joint not in limits.laws})
-    for k, name in enumerate(by.options.additional[first and base is tried :]):
+    for k, name in enumerate(by.options.additional[int(early and base is tried) :]):
         by.say(f"trying {name} of servos", 0.6 + 0.2 * k / len(by.options.additional))
         base = _try_without(by, _try_number(by, base, name), name)
     base = _like_others(by, base, limits)
