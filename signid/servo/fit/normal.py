@@ -131,7 +131,7 @@ def slopes_at(
 
 
 def normal(windows: FitWindows, slopes: Slopes, residual: Array, point: FitPoint, noise: Array) -> Normal:
-    """Normal equations at a point with residuals (W, T, n) [rad or m]; noise: (n,) [rad or m]."""
+    """Normal equations at a point; residual: (W, T, n) [rad or m]; noise: (n,) [rad or m]."""
     off = np.concatenate([point.q0 - windows.q0, point.v0 - windows.v0], 1)
     return reduced(slopes.by_value / noise, residual / noise, state_slopes(slopes.by_state, noise), off)
 
