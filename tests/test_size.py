@@ -43,7 +43,7 @@ TODAY = {
     "estimation": 2577,
     "signs": 3226,
     "faults": 3848,
-    "servo": 8973,
+    "servo": 9047,
     "diagnose": 6934,
     "payload": 1448,
     "watch": 2139,

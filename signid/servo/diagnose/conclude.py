@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from ...model import Model
-from ...servos import JOINT_LAWS
+from ...servos import JOINT_LAWS, LOOP_UNITS
 from ...types import Array
 from ..search.data import ServoData
 from .closed_loop import ClosedLoop
@@ -123,14 +123,14 @@ def _numbers(one: GroupSearch, step: Step) -> dict[str, FoundNumber]:
     values, std = one.last.where.values, np.sqrt(np.diag(one.covariance))
     for number in step.law.numbers:
         k = one.last.where.slots.index(one.setting.slot(joint, number))
-        unit = BODY_UNITS.get(number, "kg.m") if step.law is PAYLOAD else step.law.unit(number)
+        unit = BODY_UNITS.get(number, "kg.m") if step.law is PAYLOAD else LOOP_UNITS[number]
         old = np.inf if step.law is PAYLOAD else float(getattr(one.base.where.servos[step.joint], number))
         out[step.law.parameter(number)] = FoundNumber(
             float(values[k]), float(std[k]) if np.isfinite(std[k]) else None, unit, old if np.isfinite(old) else None
         )
     for number in step.law.shape:
         value = float(getattr(one.last.where.servos[joint], number))
-        out[step.law.parameter(number)] = FoundNumber(value, None, step.law.unit(number), None)
+        out[step.law.parameter(number)] = FoundNumber(value, None, LOOP_UNITS[number], None)
     return out
 
 

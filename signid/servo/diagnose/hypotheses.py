@@ -10,7 +10,7 @@ import numpy as np
 from ...effects import DRIVE_EFFECTS
 from ...effects.drive import DriveLaw, Reach, Twin, scaled
 from ...effects.servo_damping import DRIVE_OFF_ADVICE
-from ...servos import JOINT_LAWS, LOOP_UNITS, SERVO_NUMBERS, Servo
+from ...servos import JOINT_LAWS, SERVO_NUMBERS, Servo
 
 GRAVITY = "repeat in a posture with another gravity torque: the offset stays, a shifted zero of the command does not"
 
@@ -39,10 +39,6 @@ class DriveHypothesis:
         """Key of one of its numbers in diagnosis.json."""
         return dict(zip((*self.numbers, *self.shape), self.keys, strict=False)).get(number, number)
 
-    def unit(self, number: str) -> str:
-        """Unit of one of its numbers at a revolute joint."""
-        return LOOP_UNITS[number]
-
     def stated_exactly(self, before: Servo, after: Servo) -> bool:
         """Whether the change of the first number is within the tolerance of stated numbers."""
         old, new = getattr(before, self.numbers[0]), getattr(after, self.numbers[0])
@@ -68,25 +64,16 @@ def of_drive(law: DriveLaw) -> DriveHypothesis:
     )
 
 
+def _shifted(number: str, *shares: float, of_effort: bool = True) -> Trials:
+    """Drives whose number differs by shares of the torque that is reached, or of 1."""
+    return lambda servo, reach: [
+        servo.with_(**{number: getattr(servo, number) + x * (reach.effort if of_effort else 1.0)}) for x in shares
+    ]
+
+
 def _viscous(servo: Servo, reach: Reach) -> list[Servo]:
     size = max(servo.damping, 0.1 * reach.effort / max(reach.speed, 1e-6))
     return [servo.with_(viscous_friction=max(servo.viscous_friction + x * size, 0.0)) for x in (0.0, -0.3, 0.6, 1.5)]
-
-
-def _coulomb(servo: Servo, reach: Reach) -> list[Servo]:
-    return [servo.with_(coulomb_friction=servo.coulomb_friction + x * reach.effort) for x in (0.0, 0.05, 0.15)]
-
-
-def _load(servo: Servo, reach: Reach) -> list[Servo]:
-    return [servo.with_(load_friction=servo.load_friction + x) for x in (0.0, 0.05, 0.2, 0.5)]
-
-
-def _armature(servo: Servo, reach: Reach) -> list[Servo]:
-    return scaled(servo, "armature", 0.4, 2.0, 5.0)
-
-
-def _offset(servo: Servo, reach: Reach) -> list[Servo]:
-    return [servo.with_(torque_offset=servo.torque_offset + x * reach.effort) for x in (-0.1, 0.0, 0.1)]
 
 
 def _stribeck(servo: Servo, reach: Reach) -> list[Servo]:
@@ -102,10 +89,6 @@ def _position(servo: Servo, reach: Reach) -> list[Servo]:
         if turns * reach.travel > np.pi / 2  # over less, the law is close to Coulomb friction
         for phase in (-np.pi / 2, 0.0, np.pi / 2, np.pi)
     ]
-
-
-def _spring(servo: Servo, reach: Reach) -> list[Servo]:
-    return [servo.with_(spring_stiffness=servo.spring_stiffness + x * reach.effort) for x in (0.05, 0.2, 0.6)]
 
 
 def _backlash(servo: Servo, reach: Reach) -> list[Servo]:
@@ -128,7 +111,7 @@ HYPOTHESES: tuple[DriveHypothesis, ...] = (
         numbers=("load_friction",),
         meaning="dry friction grows with the torque of the motor",
         variable="torque",
-        trials=_load,
+        trials=_shifted("load_friction", 0.0, 0.05, 0.2, 0.5, of_effort=False),
         tolerance=0.02,
         relative=False,
         keys=("coefficient",),
@@ -148,7 +131,7 @@ HYPOTHESES: tuple[DriveHypothesis, ...] = (
         numbers=("coulomb_friction",),
         meaning="the dry friction of the joint is not the stated one",
         variable="velocity",
-        trials=_coulomb,
+        trials=_shifted("coulomb_friction", 0.0, 0.05, 0.15),
         tolerance=0.05,
         keys=("level",),
     ),
@@ -157,7 +140,7 @@ HYPOTHESES: tuple[DriveHypothesis, ...] = (
         numbers=("armature",),
         meaning="the inertia of the rotor is not the stated one",
         variable="acceleration",
-        trials=_armature,
+        trials=lambda servo, reach: scaled(servo, "armature", 0.4, 2.0, 5.0),
         tolerance=0.05,
         keys=("inertia",),
     ),
@@ -166,7 +149,7 @@ HYPOTHESES: tuple[DriveHypothesis, ...] = (
         numbers=("torque_offset",),
         meaning="a constant torque acts on the joint",
         variable="position",
-        trials=_offset,
+        trials=_shifted("torque_offset", -0.1, 0.0, 0.1),
         tolerance=5e-3,
         relative=False,
         twins=(Twin("encoder_offset", GRAVITY, 0.3),),
@@ -180,7 +163,7 @@ HYPOTHESES: tuple[DriveHypothesis, ...] = (
         _position,
         shape=("position_frequency",),
     ),
-    of_joint("spring", "a spring acts at the joint", "position", _spring),
+    of_joint("spring", "a spring acts at the joint", "position", _shifted("spring_stiffness", 0.05, 0.2, 0.6)),
     of_joint(
         "backlash", "the link moves freely within a gap of the gear", "position", _backlash, shape=("link_encoder",)
     ),

@@ -27,7 +27,7 @@ from ..plant.course import (
     single,
 )
 from .coordinates import Coordinates, slots, started, typical
-from .normal import Certainty, FitPoint, certainty, normal
+from .normal import Certainty, FitPoint, certainty, normal, slopes_at
 from .solve import Solved, scan, solve
 from .windows import FitWindows, shoot, window_places, windows_of
 
@@ -67,7 +67,7 @@ class ServoFit(Frozen):
 
 
 AGAIN = 8  # most steps about the simulated motion
-FINE = 0.001  # [s] of the rows that a fit about the simulated motion is linear in
+FINE = 0.002  # [s] of the rows that a fit about the simulated motion is linear in
 
 
 def fit_servos(
@@ -111,7 +111,8 @@ def fit_servos(
     rest = branches, coarse, usual or {}, assumed
     task = _Task(grids, robot, courses, dict(servos), tuple(free), tuple(window_places(grids, window)), *rest)
     joints = _linked(task)
-    fits = [_fit_group(task, group, iterations, scales=scales) for group in joints]
+    first = replace(task, coarse=coarse or (relinearise and not scales))
+    fits = [_fit_group(first, group, iterations, scales=scales) for group in joints]
     steps = 0
     if relinearise:
         steps = max(f.solved.steps for f in fits)
@@ -266,7 +267,8 @@ def _certainty(fit: _Group, task: _Task) -> tuple[Certainty, Array]:
     values, count = fit.solved.point.values, len(fit.where.slots)
     if task.coarse:
         return Certainty(np.full((count, count), np.nan), np.zeros(count)), np.full((count, count), np.nan)
-    at, prior = normal(fit.windows, fit.where, fit.solved.point, fit.solved.noise), np.diag(fit.where.stated_precision)
+    slopes, prior = slopes_at(fit.windows, fit.where, fit.solved.point), np.diag(fit.where.stated_precision)
+    at = normal(fit.windows, slopes, fit.solved.residual, fit.solved.point, fit.solved.noise)
     ratios, inside = np.eye(count), ~fit.where.at_bounds(values)
     for i in range(count):
         ratios[fit.where.scaled(i), i] = values[fit.where.scaled(i)]

@@ -109,18 +109,31 @@ def state_slopes(by_state: Array, noise: Array) -> StateSlopes:
     return StateSlopes(slopes, np.asarray(np.linalg.inv(information)))
 
 
-def normal(
-    windows: FitWindows, where: Coordinates, point: FitPoint, noise: Array, wide: float = 1.0, central: bool = True
-) -> Normal:
-    """Normal equations at a point; `wide` multiplies the differences, central or forward; noise: (n,) [rad or m]."""
-    differences = nearby(where, point.values, wide, central)
-    most = max(MOST_VALUES // ((len(differences.values) + 2 * len(noise)) * (windows.longest + 1) * len(noise)), 1)
+class Slopes(NamedTuple):
+    """Derivatives of the positions of W windows by P values and by initial states."""
+
+    by_value: Array  # (P, W, T, n) [rad or m over SERVO_UNITS]
+    by_state: Array  # (2n, W, T, n) [1, s]
+
+
+def slopes_at(
+    windows: FitWindows, where: Coordinates, point: FitPoint, wide: float = 1.0, central: bool = True
+) -> Slopes:
+    """Derivatives at a point; `wide` multiplies the differences, central or forward."""
+    differences, n = nearby(where, point.values, wide, central), windows.q0.shape[1]
+    most = max(MOST_VALUES // ((len(differences.values) + 2 * n) * (windows.longest + 1) * n), 1)
     parts = []
     for k in range(0, len(windows), most):
         some = slice(k, k + most)
         at = FitPoint(point.values, point.q0[some], point.v0[some])
-        parts.append(_windows(windows.part(some), where, at, differences, noise))
-    return Normal(*(np.concatenate(each) for each in zip(*parts, strict=True)))
+        parts.append(_slopes(windows.part(some), where, at, differences))
+    return Slopes(*(np.concatenate(each, axis=1) for each in zip(*parts, strict=True)))
+
+
+def normal(windows: FitWindows, slopes: Slopes, residual: Array, point: FitPoint, noise: Array) -> Normal:
+    """Normal equations at a point; residual: (W, T, n) [rad or m]; noise: (n,) [rad or m]."""
+    off = np.concatenate([point.q0 - windows.q0, point.v0 - windows.v0], 1)
+    return reduced(slopes.by_value / noise, residual / noise, state_slopes(slopes.by_state, noise), off)
 
 
 class Differences(NamedTuple):
@@ -199,17 +212,13 @@ def _nudged(point: FitPoint, before: int) -> tuple[Array, Array]:
     return starts[0], starts[1]
 
 
-def _windows(
-    windows: FitWindows, where: Coordinates, point: FitPoint, differences: Differences, noise: Array
-) -> Normal:
-    """Normal equations of some windows."""
-    table, n = differences.values, len(noise)
+def _slopes(windows: FitWindows, where: Coordinates, point: FitPoint, differences: Differences) -> Slopes:
+    """Derivatives of some windows."""
+    table, n = differences.values, point.q0.shape[1]
     copies = where.copies(np.concatenate([table, np.repeat(table[:1], 2 * n, 0)]))
     out = shoot(windows, copies, *_nudged(point, len(table)))[0]
-    states = state_slopes((out[len(table) :] - out[0]) / np.repeat(NUDGE, n)[:, None, None, None], noise)
-    off = np.concatenate([point.q0 - windows.q0, point.v0 - windows.v0], 1)
-    slopes = derivatives(out[: len(table)], where, differences) / noise
-    return reduced(slopes, (out[0] - windows.measured) / noise, states, off)
+    by_state = (out[len(table) :] - out[0]) / np.repeat(NUDGE, n)[:, None, None, None]
+    return Slopes(derivatives(out[: len(table)], where, differences), by_state)
 
 
 def covariance(information: Array, scores: Array, prior: Array | None = None) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...types import Array
 from .coordinates import Coordinates
-from .normal import FitPoint, Normal, cost, covariance, normal, residuals, settle
+from .normal import FitPoint, Normal, cost, covariance, normal, residuals, settle, slopes_at
 from .windows import FitWindows
 
 FAR = 0.05  # relative gain of the cost below which differences become central
@@ -46,18 +46,25 @@ def solve(windows: FitWindows, where: Coordinates, point: FitPoint, iterations: 
     """Minimise the weighted output error from a point; `coarse`: until a step gains little.
 
     Dry friction makes the cost rough: where no step along the model of small differences brings it down, larger
-    differences see over the roughness.
+    differences see over the roughness. Derivatives serve further steps, which count for nothing, as long as these gain
+    enough, and not so much that the derivatives must be others.
+
+    iterations: most times that derivatives are computed.
     """
     damping, steps, wide, central = FIRST, 0, 0, False
-    last = 1 if coarse else len(WIDER)
+    last, slopes = 1 if coarse else len(WIDER), None
     residual = residuals(windows, where, point)
     noise = noise_of(residual[windows.inside], robust=True)
-    for _ in range(iterations):
-        here = normal(windows, where, point, noise, WIDER[wide], central)
+    left_over = iterations
+    while left_over > 0:
+        known = slopes is not None
+        left_over -= not known
+        slopes = slopes or slopes_at(windows, where, point, WIDER[wide], central)
+        here = normal(windows, slopes, residual, point, noise)
         now = cost(windows, residual, point, noise) + where.prior_cost(point.values)
-        then = np.inf
-        for _ in range(TRIALS):
-            values = damped(where, here, point.values, damping)
+        then, tried = np.inf, damping
+        for _ in range(1 if known else TRIALS):
+            values = damped(where, here, point.values, tried)
             if np.isfinite(values).all():
                 state = here.state + np.einsum("wps,p->ws", here.across, values - point.values)
                 states = -np.einsum("wsu,wu->ws", here.inverse, state)
@@ -65,17 +72,21 @@ def solve(windows: FitWindows, where: Coordinates, point: FitPoint, iterations: 
                 then = cost(windows, left, new, noise) + where.prior_cost(values)
             if np.isfinite(then) and then < now:
                 break
-            damping *= WORSE
+            tried *= WORSE
         small = not then < now * (1 - (COARSE if coarse or wide + 1 < len(WIDER) else TOLERANCE))
         far = then < now * (1 - FAR)
         if then < now:
-            point, residual, damping, steps = new, left, max(damping * BETTER, LEAST), steps + 1
+            point, residual, steps = new, left, steps + 1
+            damping = max(tried * BETTER, LEAST)
             noise = noise_of(residual[windows.inside])
-        if small:
+        elif not known:
+            damping = tried
+        slopes = None if small or far else slopes
+        if small and not known:
             wide, damping = wide + (central or coarse), min(damping, FIRST)
         if wide == last:
             break
-        central = central or not far
+        central = central or not (far or coarse)
     return Solved(point, residual, noise, steps)
 
 
@@ -119,7 +130,8 @@ def _bounded(matrix: Array, gradient: Array, room: tuple[Array, Array], most: Ar
 
 def scan(windows: FitWindows, where: Coordinates, solved: Solved, iterations: int) -> Solved:
     """Best end of a fit over the scales of its weak joints and the limits that it does not reach, one by one."""
-    best, at = solved, normal(windows, where, solved.point, solved.noise)
+    slopes = slopes_at(windows, where, solved.point)
+    best, at = solved, normal(windows, slopes, solved.residual, solved.point, solved.noise)
     for i in (*untouched(where, solved, at), *weakest(where, solved, at)):
         ends = [best]
         for factor in FACTORS if where.slots[i].number == "kp" else LIMITS:

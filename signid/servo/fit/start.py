@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -35,6 +36,7 @@ BRIEF = 0.2  # [s]: nearly linear
 LENGTH = 0.2  # [s] rows that are compared; a start is forgotten within them
 ROUNDS = 4  # of Gauss-Newton
 FIRST_SHARES = (0.0, 0.1, 0.3, 0.6, 1.0)  # of its step that are tried
+BUTTERWORTH = lru_cache(maxsize=8)(butter)
 LEAST = 1e-4  # [rad or m] least noise of positions
 
 
@@ -161,7 +163,7 @@ def _side(grid: ServoGrid, along: RobotCourse, j: int) -> _Side | None:
 
 
 def _filtered(x: Array, rate: float) -> Array:
-    b, a = butter(3, min(2 * CUTOFF / rate, 0.8))
+    b, a = BUTTERWORTH(3, min(2 * CUTOFF / rate, 0.8))
     return np.asarray(filtfilt(b, a, x, axis=0))
 
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ...model import Model
 from ...parameters import Array
+from ...robot.joints import alike
 from ...servos import Servo, ServoGrid
 from ...types import Recording, Robot
 from ..plant import servo_grids
@@ -55,6 +57,10 @@ def joint_facts(
             command_speed=servo.kd_on == "error",
             stated=stated.get(joint, {}),
         )
+    for members in alike(tuple(facts)):  # a kp that is far too small makes the load of its joint look large
+        for name in ("known_load_share", "unique_load_share"):
+            usual = float(np.median([getattr(facts[joint], name) for joint in members]))
+            facts |= {j: replace(facts[j], **{name: min(getattr(facts[j], name), usual)}) for j in members}
     return facts
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from ...estimation.repeats import VaryingNumber
@@ -147,7 +147,3 @@ class ServoIdentification(Result):
     start: Candidate | None = None  # drives of the search and their free numbers, by the training rows
     friction_models: tuple[FrictionModel, ...] = ()  # where they were compared
     varies: tuple[VaryingNumber, ...] = ()  # numbers that differ between recordings by more than their intervals
-
-    def with_zeros(self, zeros: tuple[JointZero, ...], notes: tuple[str, ...]) -> ServoIdentification:
-        """The same with signs and zeros of positions, and notes on them."""
-        return replace(self, zeros=zeros, notes=(*self.notes, *notes))

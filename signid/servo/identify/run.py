@@ -16,13 +16,14 @@ from ...model import Model, ModelSource, as_model, command_model
 from ...recording import Recordings, as_recordings
 from ...regression.session import only_once
 from ...robot import as_robot
+from ...robot.joints import alike
 from ...servos import Servo, ServoGrid
 from ...typed import typed
 from ...types import Array, Progress, Recording
 from ..fit import ServoFit, fit_servos, start_servos
-from ..given import given_texts
+from ..given import OWN, given_texts
 from ..plant.course import LONGEST, bodies_of
-from ..search.choice import LOUDER, Candidate, ServoTrial, improved, worth
+from ..search.choice import LOUDER, Candidate, ServoTrial, improved, supported, worth
 from ..search.data import ServoData, loop_error, servo_data, thinned
 from ..search.laws import rare_limits, try_laws
 from ..search.searcher import FIRST, Chosen, KnownLimits, Searcher, ServoOptions
@@ -48,9 +49,11 @@ BETWEEN = {2: 0.25, 4: 0.5}  # changes of the command in a row, and shift of wha
 EVERY = 0.5  # share of rows with a new command, of those while it moves, from which it may change between rows
 NEAR = 5  # rows around a change of a command, in which it moves
 GROWS, SURE = 1.05, 2.0  # rms, and its growth in standard errors over windows, that rule changes between rows out
-STEPS = 4  # most iterations of a fit
+STEPS = 2  # most iterations of a fit
 EQUAL = ("effort", "duty")  # the same law while nothing saturates
-MORE = 6  # most iterations from a fit with one number less
+EARLY, MORE = 4, 6  # most iterations from a fit with one number less, before it promises something and then
+PROMISING = 0.995  # error on the training data after the first of them, over that without the number
+FAR = 3.0  # residual over that of a joint that is alike by name, from which its numbers are tried
 LOOSE = 0.15  # residual over the error of the loop from which limits are tried before friction
 
 
@@ -151,8 +154,8 @@ def identify_servos(
         _say(progress, "fitting servos to all rows", 0.95)
         judged, reasons = fitted_again(weighed, judged, chosen.candidate, case, options, fitted)
         notes = (*notes, *reasons)
-    found = conclude((plain, weighed), judged, chosen, case, remarks, options).with_zeros(zeros, notes)
-    return replace(found, logs=logs)
+    found = conclude((plain, weighed), judged, chosen, case, remarks, options)
+    return replace(found, logs=logs, zeros=zeros, notes=(*found.notes, *notes))
 
 
 def rows_used(sets: Sequence[Sequence[str]], data: ServoData, budget: int) -> int:
@@ -293,7 +296,17 @@ def _squares(model: Model, data: ServoData, fit: ServoFit, changes: int, window:
     late = BETWEEN.get(changes, 0.0) * data.train[0].step
     servos = {joint: servo.with_(delay=servo.delay + late) for joint, servo in fit.servos.items()}
     grids = [_refined(grid, changes) for grid in data.train]
-    new = fit_servos(model, grids, servos, fit.free, window=window, relinearise=False, iterations=STEPS, scales=False)
+    new = fit_servos(
+        model,
+        grids,
+        servos,
+        fit.free,
+        window=window,
+        relinearise=False,
+        iterations=STEPS,
+        scales=False,
+        coarse=True,
+    )
     return new.window_squares
 
 
@@ -344,9 +357,10 @@ def search(by: Searcher, start: Candidate, limits: KnownLimits) -> Chosen:
         base, found = try_laws(by, base, first, limits, loose)
         laws.update({joint: p for joint, p in found.items() if joint not in limits.laws})
     before = base.candidate.free
-    if by.options.additional[:1] == (FIRST,):
+    if early := by.options.additional[:1] == (FIRST,):
         by.say(f"trying {FIRST} of servos", 0.35)
         base = _try_number(by, base, FIRST)
+    tried = base
     by.say("trying limits of servos", 0.4)
     limits, rare = rare_limits(by, base, limits)
     has = [joint for joint in suspects if base.candidate.servos[joint].effort_limit < np.inf]
@@ -354,11 +368,35 @@ def search(by: Searcher, start: Candidate, limits: KnownLimits) -> Chosen:
         by.say("trying laws of servos", 0.4)
         base, found = try_laws(by, base, again, limits)
         laws.update({joint: p for joint, p in found.items() if joint not in limits.laws})
-    for k, name in enumerate(by.options.additional):
+    for k, name in enumerate(by.options.additional[int(early and base is tried) :]):
         by.say(f"trying {name} of servos", 0.6 + 0.2 * k / len(by.options.additional))
         base = _try_without(by, _try_number(by, base, name), name)
+    base = _like_others(by, base, limits)
     base = by.shorten(base) if base.candidate.window else by.lengthen(base)
     return Chosen(base.candidate, laws)
+
+
+def _like_others(by: Searcher, base: ServoTrial, limits: KnownLimits) -> ServoTrial:
+    """Fit joints again that are fitted far worse than another one alike by name, from its law and numbers."""
+    start, again = base.candidate, list[str]()
+    for members in alike(tuple(base.residual)):
+        best = min(members, key=lambda joint: base.residual[joint])
+        like = [number for one, number in base.candidate.free if one == best]
+        for joint in (one for one in members if base.residual[one] > FAR * base.residual[best]):
+            own = {number for one, number in base.candidate.free if one == joint}
+            numbers = {name: getattr(start.servos[best], name) for name in {*own, *like} - {OWN}}
+            servo = replace(start.servos[joint], law=limits.laws.get(joint, start.servos[best].law)).with_(**numbers)
+            rest = tuple(one for one in start.free if one[0] != joint)
+            start, again = (
+                replace(start, free=rest).changed({joint: servo}, [(joint, x) for x in like]),
+                [*again, joint],
+            )
+    if not again:
+        return base
+    near = by.near(again)
+    base, new = by.score(base, near), by.score(by.fit(start.only(near), MORE), near)
+    better = improved(base, new, worth(base, new, again))
+    return base.with_joints(new.only(by.near(better))) if better else base
 
 
 def _try_number(by: Searcher, base: ServoTrial, name: str) -> ServoTrial:
@@ -367,15 +405,14 @@ def _try_number(by: Searcher, base: ServoTrial, name: str) -> ServoTrial:
     joints = [joint for joint, servo in start.servos.items() if getattr(servo, name) == neutral]
     if not joints:
         return base
-    new = by.fit(start.changed({}, [(joint, name) for joint in joints]), MORE)
-    if not (promising := worth(base, new, joints)):
+    first = by.fit(start.changed({}, [(joint, name) for joint in joints]), EARLY)
+    near = by.near(promising := worth(base, first, joints, PROMISING))
+    new = by.fit(start.only(near).changed({}, [(joint, name) for joint in promising]), MORE) if promising else base
+    if not (promising := worth(base, new, promising)):
         return base
-    near = by.near(promising)
-    if set(promising) != set(joints):
-        new = by.fit(start.only(near).changed({}, [(joint, name) for joint in promising]), MORE)
     base = by.score(base, near)
     new = by.score(new, near)
-    kept = improved(base, new, promising)
+    kept = supported(by.data, base, new, improved(base, new, promising), joints)
     if not kept:
         return base
     if kept != promising:
@@ -391,5 +428,6 @@ def _try_without(by: Searcher, base: ServoTrial, name: str) -> ServoTrial:
     if not joints:
         return base
     plain = start.changed({joint: start.servos[joint].with_(**{name: neutral}) for joint in joints})
-    new = by.fit(replace(plain, free=tuple(one for one in start.free if one[1] != name)), MORE)
-    return base if worth(new, base, joints) else new
+    plain = replace(plain, free=tuple(one for one in start.free if one[1] != name))
+    new = by.fit(plain.only(by.near(joints)), MORE)
+    return base if worth(new, base, joints) else base.with_joints(new)

@@ -44,6 +44,7 @@ def servo_grids(recording: Recording, robot: Robot, rate: float | None = None) -
         )
     servo: Any = getattr(x, "servo", None)
     more = {key: getattr(servo, key, None) for key in ("dq_des", "tau_ff", "on", "volt")}
+    volt, nominal = more["volt"], _nominal(robot, recording.joints, "voltage")
     return grids_of_arrays(
         recording.joints,
         x.t,
@@ -52,7 +53,7 @@ def servo_grids(recording: Recording, robot: Robot, rate: float | None = None) -
         command_speed=more["dq_des"],
         feed_forward=more["tau_ff"],
         on=more["on"],
-        voltage=_relative(more["volt"], _nominal(robot, recording.joints, "voltage")),
+        voltage=None if volt is None else np.where(np.isfinite(nominal), volt / nominal, 1.0),
         gain=_gain(recording, robot),
         driven=[bool(column) for column in recording.columns.get("q_des", ())],
         rate=rate,
@@ -213,10 +214,6 @@ def _round(rate: float) -> float:
 def _nominal(robot: Robot, joints: Sequence[str], key: str) -> Array:
     stated: Mapping[str, Mapping[str, Any]] = getattr(robot, "servo", {})
     return np.array([float(stated.get(joint, {}).get(key, np.nan)) for joint in joints])
-
-
-def _relative(voltage: Array | None, nominal: Array) -> Array | None:
-    return None if voltage is None else np.where(np.isfinite(nominal), voltage / nominal, 1.0)
 
 
 def _gain(recording: Recording, robot: Robot) -> Array:

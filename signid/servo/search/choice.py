@@ -9,6 +9,7 @@ import numpy as np
 
 from ...model import Model
 from ...parameters import Array
+from ...robot.joints import alike
 from ...servos import Servo, ServoGrid
 from ..fit import ServoFit, fit_servos
 from ..given import OWN, Assumptions
@@ -95,8 +96,10 @@ class ServoTrial:
 
     def with_joints(self, other: ServoTrial) -> ServoTrial:
         """With some joints of another trial."""
-        candidate = self.candidate.changed(other.candidate.servos, other.candidate.free)
-        candidate = replace(candidate, window=max(candidate.window, other.candidate.window))
+        new = other.candidate
+        rest = tuple(name for name in self.candidate.free if name[0] not in new.servos)
+        candidate = replace(self.candidate, free=rest, window=max(self.candidate.window, new.window))
+        candidate = candidate.changed(new.servos, new.free)
         return ServoTrial(candidate, {**self.residual, **other.residual}, {**self.scores, **other.scores})
 
 
@@ -166,19 +169,45 @@ def roll_out_scores(model: Model, servos: Mapping[str, Servo], grid: ServoGrid) 
     """Log rms (W, n) of the whole roll-out of a grid, linear about its motion, over windows of one second."""
     error = roll_out_along(recorded_course(model, grid), servos, grid) - grid.q
     error = np.nan_to_num(error, nan=DIVERGED, posinf=DIVERGED, neginf=DIVERGED)
+    return window_scores(np.clip(error, -DIVERGED, DIVERGED), _seconds(grid))
+
+
+def _seconds(grid: ServoGrid) -> list[slice]:
+    """Rows of the windows of scores."""
     step = round(WINDOW * grid.rate)
-    windows = [slice(a, a + step) for a in range(0, max(len(grid) - step, 0) + 1, step)]
-    return window_scores(np.clip(error, -DIVERGED, DIVERGED), windows)
+    return [slice(a, a + step) for a in range(0, max(len(grid) - step, 0) + 1, step)]
 
 
-def worth(before: ServoTrial, after: ServoTrial, joints: Sequence[str]) -> list[str]:
+def worth(before: ServoTrial, after: ServoTrial, joints: Sequence[str], ratio: float = WORTH) -> list[str]:
     """Joints whose training data a change fits notably better."""
-    return [joint for joint in joints if after.residual[joint] < WORTH * before.residual[joint]]
+    return [joint for joint in joints if after.residual[joint] < ratio * before.residual[joint]]
 
 
 def improved(before: ServoTrial, after: ServoTrial, joints: Sequence[str]) -> list[str]:
     """Joints whose windows that took no part improve surely."""
     return [joint for joint in joints if improves(before.scores[joint], after.scores[joint])]
+
+
+def supported(
+    data: ServoData, before: ServoTrial, after: ServoTrial, joints: Sequence[str], tried: Collection[str]
+) -> list[str]:
+    """Joints that a number improves, without those where other windows contradict it: none of them gain by it.
+
+    Those are the windows without any one of several recordings or, of one recording, the windows of all other joints
+    that are alike by name and where the number was tried.
+    """
+    paths = np.array([grid.sha256 or grid.path for _, unseen in data.folds for grid in unseen for _ in _seconds(grid)])
+    saved = {j: before.scores[j] - after.scores[j] if j in after.scores else np.zeros(1) for j in tried}
+    kind = {joint: members for members in alike(tuple(tried)) for joint in members}
+    kept = []
+    for joint in joints:
+        names = np.resize(paths, len(saved[joint]))  # equal joints: once for each
+        others = [saved[joint][names != path] for path in np.unique(names)]
+        if len(others) == 1:
+            mirrors = [np.nanmean(saved[j]) for j in kind.get(joint, ()) if j != joint]
+            others = [np.array([np.mean(mirrors)])] if mirrors else []
+        kept += [joint] if all(np.nanmean(rest) > GAIN for rest in others) else []
+    return kept
 
 
 def window_scores(error: Array, windows: Sequence[slice]) -> Array:

@@ -18,7 +18,8 @@ MORE = 6  # most iterations over short windows
 NEAR_TOP = 0.9  # second start of a limit, over the largest torque that the loop asks for
 FAR = 3.0  # largest speed of a torque-speed law over that of the motion from which it is the effort law
 INSIDE = 0.15  # share of the damping inside the limit below which effort and duty are the same law
-STEPS = 8  # most iterations
+EARLY, STEPS = 3, 8  # most iterations, before limits promise something and in all
+PROMISING = 0.95  # residual over that without a limit after the first of them
 WORTH = 0.8  # residual over that without a limit from which the laws of a joint are tried
 
 
@@ -165,17 +166,16 @@ def rare_limits(by: Searcher, base: ServoTrial, limits: KnownLimits) -> tuple[Kn
     if not joints:
         return limits, []
     top = largest_torques(by.data, {joint: start.servos[joint] for joint in joints})
-    new = by.fit(_by_law(start, start_limits(by.model, by.data.train, start.servos, top), limits), STEPS)
-    kept = [joint for joint in joints if new.residual[joint] < WORTH * base.residual[joint]]
+    found = start_limits(by.model, by.data.train, start.servos, top)
+    for law in DRIVE_LAWS:  # of a joint: its stated one, or else the first
+        mine = {j: limit for j, limit in found.items() if limits.laws.get(j, DRIVE_LAWS[0]) == law}
+        start = limited(start, mine, law)
+    new = by.fit(start, EARLY)
+    if not worth(base, new, joints, PROMISING):
+        return limits, []
+    new = by.fit(new.candidate, STEPS - EARLY)
+    kept = worth(base, new, joints, WORTH)
     starts = {
         law: one.changed({joint: new.candidate.servos[joint] for joint in kept}) for law, one in limits.starts.items()
     }
     return replace(limits, starts=starts), kept
-
-
-def _by_law(start: Candidate, top: dict[str, float], limits: KnownLimits) -> Candidate:
-    """Drives with limits to start from, by their stated law or else by the first one."""
-    for law in DRIVE_LAWS:
-        mine = {joint: limit for joint, limit in top.items() if limits.laws.get(joint, DRIVE_LAWS[0]) == law}
-        start = limited(start, mine, law)
-    return start
