@@ -9,7 +9,7 @@ import numpy as np
 
 from ...model import Model
 from ...parameters import Array
-from ...robot.joints import alike
+from ...robot.joints import similar_joints
 from ...servos import Servo, ServoGrid
 from ...types import Recording, Robot
 from ..plant import servo_grids
@@ -57,7 +57,7 @@ def joint_facts(
             command_speed=servo.kd_on == "error",
             stated=stated.get(joint, {}),
         )
-    for members in alike(tuple(facts)):  # a kp that is far too small makes the load of its joint look large
+    for members in similar_joints(tuple(facts)):  # a kp that is far too small makes the load of its joint look large
         for name in ("known_load_share", "unique_load_share"):
             usual = float(np.median([getattr(facts[joint], name) for joint in members]))
             facts |= {j: replace(facts[j], **{name: min(getattr(facts[j], name), usual)}) for j in members}

@@ -16,7 +16,7 @@ from ...model import Model, ModelSource, as_model, command_model
 from ...recording import Recordings, as_recordings
 from ...regression.session import only_once
 from ...robot import as_robot
-from ...robot.joints import alike
+from ...robot.joints import similar_joints
 from ...servos import Servo, ServoGrid
 from ...typed import typed
 from ...types import Array, Progress, Recording
@@ -379,7 +379,7 @@ def search(by: Searcher, start: Candidate, limits: KnownLimits) -> Chosen:
 def _like_others(by: Searcher, base: ServoTrial, limits: KnownLimits) -> ServoTrial:
     """Fit joints again that are fitted far worse than another one alike by name, from its law and numbers."""
     start, again = base.candidate, list[str]()
-    for members in alike(tuple(base.residual)):
+    for members in similar_joints(tuple(base.residual)):
         best = min(members, key=lambda joint: base.residual[joint])
         like = [number for one, number in base.candidate.free if one == best]
         for joint in (one for one in members if base.residual[one] > FAR * base.residual[best]):

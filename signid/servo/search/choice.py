@@ -9,7 +9,7 @@ import numpy as np
 
 from ...model import Model
 from ...parameters import Array
-from ...robot.joints import alike
+from ...robot.joints import similar_joints
 from ...servos import Servo, ServoGrid
 from ..fit import ServoFit, fit_servos
 from ..given import OWN, Assumptions
@@ -198,7 +198,7 @@ def supported(
     """
     paths = np.array([grid.sha256 or grid.path for _, unseen in data.folds for grid in unseen for _ in _seconds(grid)])
     saved = {j: before.scores[j] - after.scores[j] if j in after.scores else np.zeros(1) for j in tried}
-    kind = {joint: members for members in alike(tuple(tried)) for joint in members}
+    kind = {joint: members for members in similar_joints(tuple(tried)) for joint in members}
     kept = []
     for joint in joints:
         names = np.resize(paths, len(saved[joint]))  # equal joints: once for each
