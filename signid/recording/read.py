@@ -233,7 +233,7 @@ def _by_joint(source: Mapping[str, ArrayLike], robot: Robot) -> Mapping[str, Arr
 def _joints(found: Assignment, robot: Robot, opened: Opened) -> list[int]:
     """Joints with a position column."""
     joints = [j for j in range(len(robot.joints)) if found.column("q", j)]
-    advice = "add it, or name it in a column map"
+    advice = "add it, or name it in a column map (--columns)"
     if not found.column("t", 0):
         lack = (
             f"column 't' of time in seconds; {lacking_time(opened.table, {s.column for s in found.signals.values()})}"

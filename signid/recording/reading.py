@@ -85,7 +85,8 @@ def draft_reading(
     uncertain = arm or ranges is not None or any(UNSTATED in line.noticed.why for line in drafted.lines)
     named = all(line.guess.plain for line in drafted.lines) and not uncertain
     if not kinds & {"q", "dq"} or not (driven or "volt" in kinds) or named:
-        raise error
+        known = [entry(line.signal, line.guess.column, "") for line in drafted.lines]
+        raise error if named or not known else RecordingError(f"{error}; recognised are {shorten(known)}")
     if driven and (choices := [*_choices(drafted, bool(driven & {*TORQUES}))]):
         if not isinstance(source, str | Path | Files):
             raise error  # which says what to write; there is no file to lie beside
@@ -365,7 +366,7 @@ def lacking_time(table: Table, used: Collection[str]) -> str:
     The only other column that increases from row to row is offered, unless it counts the rows.
     """
     if any((one := guess(name)) and one.kind == "t" for name in table.columns):
-        return "add it, or name it in a column map"
+        return "add it, or name it in a column map (--columns)"
     state = "state the rate of its rows [Hz], --rate 100 (0: each row is a posture at rest)"
     rising = [(name, t) for name, t in increasing(table, [x for x in table.columns if x not in used]) if t[0] < t[-1]]
     steps = {name: np.diff(t) for name, t in rising}
@@ -376,5 +377,7 @@ def lacking_time(table: Table, used: Collection[str]) -> str:
         return f"{name} is the only column that increases: if it is time, write {line} into a column map (--columns)"
     counts = [name for name in steps if name not in times and np.all(steps[name] == 1)]
     return (
-        f"{shorten(counts)} counts the rows; {state}" if counts else f"add it, or {state}, or name it in a column map"
+        f"{shorten(counts)} counts the rows; {state}"
+        if counts
+        else f"add it, or {state}, or name it in a column map (--columns)"
     )
