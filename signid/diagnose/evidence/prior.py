@@ -14,10 +14,10 @@ from ...regression.motion import labels
 from ...types import INERTIAL, Array, Frozen, Indices, Law
 from ..data.column_groups import Group
 from ..data.hypotheses import Hypothesis
-from ..data.thresholds import APPROXIMATE_STD, BODY_LEVER, PRESENCE_STD, PRIOR_NOTHING, PRIOR_UNKNOWN, SINGLE_JOINT
+from ..data.thresholds import APPROXIMATE_STD, BODY_LEVER, ONE_JOINT_FACTOR, PRESENCE_STD, PRIOR_NOTHING, PRIOR_UNKNOWN
 
-RIDGE = 1e-9  # [1] added to the diagonal of the scaled covariance, so that it can be inverted
-RANK = 1e-10  # [1] smallest eigenvalue that counts, over the largest; 1e-6 cuts off the cubic of a cable
+SCALED_RIDGE = 1e-9  # [1] added to the diagonal of the scaled covariance, so that it can be inverted
+PRIOR_RANK_TOLERANCE = 1e-10  # [1] smallest eigenvalue over the largest; 1e-6 cuts off the cubic of a cable
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ def coefficient_prior(hypothesis: Hypothesis, square: Array) -> CoefficientPrior
         return CoefficientPrior(np.diag(lever / np.sqrt(lever**2 @ size**2)), 0.0, _positive(hypothesis))
     size = np.where(size < 1e-9 * size.max(), np.inf, size)
     values, vectors = np.linalg.eigh(square / size / size[:, None])
-    kept = values > RANK * values[-1]
+    kept = values > PRIOR_RANK_TOLERANCE * values[-1]
     spread = vectors * np.where(kept, 1 / np.sqrt(np.where(kept, values, 1)), 0) / size[:, None] / np.sqrt(kept.sum())
     return CoefficientPrior(spread, 0.0, _positive(hypothesis))
 
@@ -60,7 +60,7 @@ def log_prior(hypothesis: Hypothesis, places: int, kinds: int, unknowns: int) ->
     common = min(law.effect.common for law in hypothesis.laws)
     one = hypothesis.laws[0]
     if one.effect.scope == "any" and len(one.joints) == 1:
-        common *= SINGLE_JOINT
+        common *= ONE_JOINT_FACTOR
     return float(np.log((1 - PRIOR_UNKNOWN) * (1 - PRIOR_NOTHING) * common / kinds / places))
 
 
@@ -99,7 +99,7 @@ def stated_prior(model: Model, groups: Sequence[Group]) -> StatedPrior | None:
     places = np.array([columns[label] for label, yes in zip(own.labels, there, strict=True) if yes], dtype=np.intp)
     covariance = own.matrix[np.ix_(rows, rows)]
     size = np.sqrt(np.diag(covariance))
-    inverse = np.linalg.inv(covariance / size / size[:, None] + RIDGE * np.eye(len(size))) / size / size[:, None]
+    inverse = np.linalg.inv(covariance / size / size[:, None] + SCALED_RIDGE * np.eye(len(size))) / size / size[:, None]
     order = np.argsort(places)
     information = (combination.T @ inverse @ combination)[np.ix_(order, order)]
     return StatedPrior(places[order], information)
