@@ -312,10 +312,9 @@ def command_model(model: Model, servos: Mapping[str, Servo], complete: bool = Fa
 def _read(path: Path) -> Model:
     try:
         content = read_json(path)
-        if isinstance(content, dict) and content.get("schema") != MODEL_SCHEMA:
-            given = content.get("schema")
+        if isinstance(content, dict) and (own := content.get("schema")) != MODEL_SCHEMA:
             raise RobotError(
-                f"{path} has the schema {given!r}; give a model.json of `signid identify` ({MODEL_SCHEMA!r})"
+                f"{path} has the schema {own!r}; give a model.json of `signid identify` ({MODEL_SCHEMA!r})"
             )
         effects = content.get("effects") if isinstance(content, dict) else None
         if isinstance(effects, list) and len(effects) > MAX_MODEL_LAWS:

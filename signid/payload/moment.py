@@ -19,12 +19,7 @@ MIN_PIECE_DURATION = 0.5  # [s] duration of a piece
 MAX_PIECES = 240  # pieces of a recording
 MAX_SUM_ENTRIES = 2**24  # largest number of entries of all sums: 128 MB
 MIN_LOAD_DURATION = 2.0  # [s] shortest time with the load, and without it
-NORMAL_RIDGES = (
-    1e-8,
-    1e-6,
-    1e-4,
-    1e-2,
-)  # [1] added to the scaled diagonal, until it is positive: directions without excitation
+NORMAL_RIDGES = (1e-8, 1e-6, 1e-4, 1e-2)  # [1] added to the scaled diagonal in turn, until it is positive
 EDGE_LOG_LIKELIHOOD = 20.0  # [1] log-likelihood below that of the best edge, from which on an edge is none
 MOMENT_ROUNDS = 4  # of the search for one moment with the other one fixed
 MIN_LOAD_REDUCTION = 60.0  # [1] of the squared residual by a load, over its variance, as in `signid.watch`

@@ -14,8 +14,7 @@ from .quiet import QuietNoise
 FRICTION_PAIR = (0, 1)  # of JOINT_COLUMNS: viscous and Coulomb friction, which grow together when it gets cold or dry
 TIP_JOINT = -1  # joint of the payload
 PAYLOAD_ROUNDS = 4  # of the inertia of a payload
-FRICTION_EIGENVALUE_RATIO = 1e-3  # [1] the same for two laws of friction
-PAYLOAD_EIGENVALUE_RATIO = 1e-9  # [1] smallest over largest that counts, of the payload's normal equations
+FRICTION_EIGENVALUE_RATIO, PAYLOAD_EIGENVALUE_RATIO = 1e-3, 1e-9  # [1] smallest over largest, of normal equations
 
 
 class Suspect(NamedTuple):

@@ -128,7 +128,7 @@ def conclude(
     data, fit, facts, rolled = judged.data, judged.fit, judged.facts, judged.rollout
     joints = tuple(_joint(joint, fit, chosen, facts[joint], known.assumptions) for joint in fit.servos)
     robot, added = model.robot, list(remarks)
-    servos = _marked(fit.servos, joints, known.stated, robot)
+    servos = _mark(fit.servos, joints, known.stated, robot)
     if worse_than_stated(rolled):
         servos = nominal_servos(robot, fit.servos, known.stated)
         model, added = described, [*added, worse_flag(rolled)]
@@ -205,9 +205,7 @@ def _identified(own: Mapping[str, Estimates], joints: Sequence[ServoJoint]) -> d
     }
 
 
-def _marked(
-    servos: Mapping[str, Servo], joints: Sequence[ServoJoint], stated: Stated, robot: Robot
-) -> dict[str, Servo]:
+def _mark(servos: Mapping[str, Servo], joints: Sequence[ServoJoint], stated: Stated, robot: Robot) -> dict[str, Servo]:
     """Drives that know which of their numbers are not identifiable, and what was stated of them before."""
     out = dict(servos)
     for one in joints:
