@@ -33,7 +33,7 @@ from .signs.torque_constants import UnknownConstants
 from .typed import typed
 from .types import Array, BaseMap, Input, Progress, Recording, Result, Robot
 
-WELL, BARELY = (0.3, 1.0)  # [1] expected over prior standard deviation: identifiable below, unidentifiable above
+WEAK_RATIO, UNKNOWN_RATIO = 0.3, 1.0  # [1] expected over prior standard deviation: weak from there on, unidentifiable
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +156,7 @@ def _judged(described: Audit, recordings: Sequence[Recording], options: Options,
     used = np.array([f.counts[0] / f.rows if f.rows else 0.0 for f in factors.joints])
     weak = {name for group in excitation.weak for name in group}
     verdicts = tuple(
-        "unidentifiable" if s >= BARELY * p or e in weak else "weak" if s >= WELL * p else "identifiable"
+        "unidentifiable" if s >= UNKNOWN_RATIO * p or e in weak else "weak" if s >= WEAK_RATIO * p else "identifiable"
         for s, p, e in zip(found.std, excitation.prior, session.task.base.expressions, strict=True)
     )
     return Check(

@@ -17,7 +17,7 @@ from threadpoolctl import ThreadpoolController
 
 from .errors import OptionError
 
-USUAL = 3600.0  # [s] default time limit of a verb
+DEFAULT_TIME_LIMIT = 3600.0  # [s] default time limit of a verb
 
 
 @dataclass
@@ -31,7 +31,7 @@ class _Limit:
 
 _Listener = Callable[[str, float], None]  # current step, completed share [1]
 _LISTENER: ContextVar[_Listener | None] = ContextVar("listener", default=None)
-_LIMITS: ContextVar[tuple[_Limit, ...]] = ContextVar("limits", default=())  # innermost last
+_OPEN_LIMITS: ContextVar[tuple[_Limit, ...]] = ContextVar("limits", default=())  # innermost last
 
 
 @contextmanager
@@ -51,15 +51,15 @@ def time_limit(seconds: float) -> Iterator[None]:
     """
     if not seconds > 0:
         raise OptionError(f"the time limit is {seconds:g} s; give a positive number of seconds")
-    with _limited(seconds):
+    with _open_limit(seconds):
         yield
 
 
 def seconds_left() -> float:
     """Time until the limit [s]; infinite without a limit, zero after a stop."""
-    if any(limit.stopped for limit in _LIMITS.get()):
+    if any(limit.stopped for limit in _OPEN_LIMITS.get()):
         return 0.0
-    return max(min((limit.end for limit in _LIMITS.get()), default=float("inf")) - time.monotonic(), 0.0)
+    return max(min((limit.end for limit in _OPEN_LIMITS.get()), default=float("inf")) - time.monotonic(), 0.0)
 
 
 def time_is_up(search: str, answer: bool = True) -> bool:
@@ -68,7 +68,7 @@ def time_is_up(search: str, answer: bool = True) -> bool:
     `answer`: whether the search already has an answer; False while it prepares its first one.
     """
     up = seconds_left() <= 0
-    for limit in _LIMITS.get():
+    for limit in _OPEN_LIMITS.get():
         limit.searching |= answer
         if up:
             limit.ended[search] = None
@@ -80,7 +80,7 @@ def stop_searches(reason: str) -> bool:
 
     Nothing is stopped, and False returned, if no search has an answer yet.
     """
-    limits = _LIMITS.get()
+    limits = _OPEN_LIMITS.get()
     if not any(limit.searching for limit in limits):
         return False
     for limit in limits:
@@ -150,8 +150,8 @@ def ends_in_time(verb: Callable[_P, _R]) -> Callable[_P, _R]:
 
     @wraps(verb)
     def within(*args: _P.args, **kwargs: _P.kwargs) -> _R:
-        seconds = min((limit.seconds for limit in _LIMITS.get()), default=USUAL)
-        with one_thread(), _limited(USUAL if not _LIMITS.get() else float("inf")) as limit:
+        seconds = min((limit.seconds for limit in _OPEN_LIMITS.get()), default=DEFAULT_TIME_LIMIT)
+        with one_thread(), _open_limit(DEFAULT_TIME_LIMIT if not _OPEN_LIMITS.get() else float("inf")) as limit:
             result = verb(*args, **kwargs)
         if not (limit.ended or limit.stopped):
             return result
@@ -183,10 +183,10 @@ def _stop_flags(limit: _Limit) -> Iterator[str]:
 
 
 @contextmanager
-def _limited(seconds: float) -> Iterator[_Limit]:
+def _open_limit(seconds: float) -> Iterator[_Limit]:
     limit = _Limit(seconds, time.monotonic() + seconds)
-    token = _LIMITS.set((*_LIMITS.get(), limit))
+    token = _OPEN_LIMITS.set((*_OPEN_LIMITS.get(), limit))
     try:
         yield limit
     finally:
-        _LIMITS.reset(token)
+        _OPEN_LIMITS.reset(token)

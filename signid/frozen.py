@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import polars as pl
 
 DISPLAY = ".output.display"
-SHORT, FEW = 120, 4  # maximum number of characters of a value, and of items of a container, in a repr
+MAX_VALUE_CHARACTERS, MAX_SHOWN_ITEMS = 120, 4  # of a container, in a repr
 
 
 class Frozen:
@@ -38,7 +38,7 @@ class Frozen:
                 object.__setattr__(self, item.name, copy)
 
     def __repr__(self) -> str:
-        shown = (f"{item.name}={BRIEF.repr(getattr(self, item.name))}" for item in fields(self))  # type: ignore[arg-type]
+        shown = (f"{item.name}={FIELD_REPR.repr(getattr(self, item.name))}" for item in fields(self))  # type: ignore[arg-type]
         return f"{type(self).__name__}({', '.join(shown)})"
 
 
@@ -87,13 +87,13 @@ class Result(Frozen):
         return pandas.DataFrame({column.name: column.to_list() for column in self.to_frame(name)})
 
 
-class _Brief(Repr):
+class _FieldRepr(Repr):
     """Short repr of the values of fields: shapes of arrays, names of results, the first items of containers."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.maxstring = self.maxother = SHORT
-        self.maxtuple = self.maxlist = self.maxdict = FEW
+        self.maxstring = self.maxother = MAX_VALUE_CHARACTERS
+        self.maxtuple = self.maxlist = self.maxdict = MAX_SHOWN_ITEMS
 
     def repr1(self, x: Any, level: int) -> str:
         """Repr of a value, nested up to `level`."""
@@ -101,11 +101,11 @@ class _Brief(Repr):
 
     def repr_ndarray(self, x: Any, level: int) -> str:
         """Numbers of a short vector, else the shape."""
-        short = x.ndim == 1 and x.size <= 2 * FEW
+        short = x.ndim == 1 and x.size <= 2 * MAX_SHOWN_ITEMS
         return np.array2string(x, precision=4, max_line_width=10_000) if short else f"<array {x.shape}>"
 
 
-BRIEF = _Brief()
+FIELD_REPR = _FieldRepr()
 
 
 def show_with(name: str, *given: Any) -> Any:

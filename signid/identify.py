@@ -36,11 +36,11 @@ if TYPE_CHECKING:
     from .estimation.repeats import VaryingNumber
     from .simulation.refine import Refinement
 
-HUBER = 1.345  # residual, in standard deviations, beyond which a row counts less
+HUBER_DEVIATIONS = 1.345  # residual, in standard deviations, beyond which a row counts less
 ROBUST_ROUNDS = 3
 # [1] held-out rms over training rms from which on the held-out rows are not learned from: another load or regime.
 # Measured, split of one recording or whole recordings apart: see tests/test_identify.py
-UNLIKE = 2.0
+MAX_REFIT_RMS_RATIO = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,10 +287,10 @@ def _refined(found: Identification, candidates: Sequence[str]) -> Identification
 def _unlike(found: Identification, recovered: Recovered) -> str:
     """Why held-out rows must not be learned from; empty if they may."""
     fit = found.fit
-    far = fit.held_out_rms > UNLIKE * np.maximum(fit.train_rms, fit.noise_floor)
+    far = fit.held_out_rms > MAX_REFIT_RMS_RATIO * np.maximum(fit.train_rms, fit.noise_floor)
     if far.any():
         worst = shorten([fit.joints[j] for j in np.flatnonzero(far)])
-        return f"its errors there are more than {UNLIKE:g} times those of the training rows ({worst})"
+        return f"its errors there are more than {MAX_REFIT_RMS_RATIO:g} times those of the training rows ({worst})"
     learned = {recording for recording, _ in found.session.learned}
     if recovered.signs is not None and any(recording not in learned for recording, _ in found.session.held_out):
         return "the signs of their torque follow from this model"
@@ -399,7 +399,7 @@ def _huber(found: Estimate, factors: Factors) -> Weigh:
     def weigh(joint: int, rows: Rows) -> Array:
         residual = rows.torque[:, joint] - rows.columns[joint] @ found.value[factors.columns[joint]]
         size = np.abs(residual) / max(found.noise[joint], 1e-300)
-        return np.asarray(np.minimum(1.0, HUBER / np.maximum(size, 1e-12)))
+        return np.asarray(np.minimum(1.0, HUBER_DEVIATIONS / np.maximum(size, 1e-12)))
 
     return weigh
 

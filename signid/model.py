@@ -26,14 +26,14 @@ from .regression.motion import Motion
 from .regression.rows import Task
 from .robot import held_positions, load_robot, robot_from_text, saved_model, with_gravity
 from .robot.dynamics import joint_of_row, own_row, standard_parameters as standard_parameters
-from .servos import JOINT_LAWS, PASSIVE, Marks, Servo, servos_document, servos_from
+from .servos import JOINT_LAWS, PASSIVE_LAWS, Marks, Servo, servos_document, servos_from
 from .toml_json import check_numbers, check_schema, read_json
 from .typed import typed
 from .types import INERTIAL, Array, Law, Parameters, Robot
 
-SCHEMA = "signid.model/1"
-MOST_LAWS = 2000
-ESTIMATED = ("covariance", "misfit", "payload_covariance")  # keys whose numbers have no usual range
+MODEL_SCHEMA = "signid.model/1"
+MAX_MODEL_LAWS = 2000
+ESTIMATED_KEYS = ("covariance", "misfit", "payload_covariance")  # keys whose numbers have no usual range
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ class Model(JointDynamics):
         """Laws that no drive holds: friction, armature and offset of a joint with one are its numbers."""
         joints, drives = self.robot.joints, self.servos
         return tuple(
-            law for law in self.joint_laws if law.effect.name not in PASSIVE or joints[law.joints[0]] not in drives
+            law for law in self.joint_laws if law.effect.name not in PASSIVE_LAWS or joints[law.joints[0]] not in drives
         )
 
     def bodies(self) -> pin.Model:
@@ -153,7 +153,7 @@ class Model(JointDynamics):
         """
         robot, errors = self.robot, self.payload_covariance
         written = {
-            "schema": SCHEMA,
+            "schema": MODEL_SCHEMA,
             "robot": {"name": robot.name, "kind": robot.kind, "description": robot.document},
             "joints": list(robot.joints),
             "held": held_positions(robot),
@@ -175,7 +175,7 @@ class Model(JointDynamics):
             **({"servos": servos_document(self.servos, robot.joints)} if self.servos else {}),
         }
         try:
-            check_numbers({key: value for key, value in written.items() if key not in ESTIMATED})
+            check_numbers({key: value for key, value in written.items() if key not in ESTIMATED_KEYS})
             if self.servos:
                 servos_from(written["servos"], robot.joints)
         except ValueError as error:
@@ -280,7 +280,7 @@ def with_servos(model: Model, servos: Mapping[str, Servo], complete: bool = Fals
     Numbers that a drive states replace laws of the same name at its joint; with `complete`, zeros do so, too.
     """
     at = {model.robot.index(joint): servo for joint, servo in servos.items()}
-    mains = {name: name for name in PASSIVE} | {name: next(iter(keys.values())) for name, keys in JOINT_LAWS.items()}
+    mains = {n: n for n in PASSIVE_LAWS} | {name: next(iter(keys.values())) for name, keys in JOINT_LAWS.items()}
     stated = {(name, j) for j, servo in at.items() for name, main in mains.items() if complete or getattr(servo, main)}
     kept = [
         law
@@ -315,13 +315,13 @@ def command_model(model: Model, servos: Mapping[str, Servo], complete: bool = Fa
 def _read(path: Path) -> Model:
     try:
         content = read_json(path)
-        if isinstance(content, dict) and content.get("schema") != SCHEMA:
+        if isinstance(content, dict) and (own := content.get("schema")) != MODEL_SCHEMA:
             raise RobotError(
-                f"{path} has the schema {content.get('schema')!r}; give a model.json of `signid identify` ({SCHEMA!r})"
+                f"{path} has the schema {own!r}; give a model.json of `signid identify` ({MODEL_SCHEMA!r})"
             )
         effects = content.get("effects") if isinstance(content, dict) else None
-        if isinstance(effects, list) and len(effects) > MOST_LAWS:
-            raise ValueError(f"effects: it has {len(effects)} laws, more than {MOST_LAWS}")  # the schema is slow
+        if isinstance(effects, list) and len(effects) > MAX_MODEL_LAWS:
+            raise ValueError(f"effects: it has {len(effects)} laws, more than {MAX_MODEL_LAWS}")  # the schema is slow
         check_schema(content, "model")
         described: Mapping[str, str] = content["robot"]
         gravity = content.get("gravity")  # absent in older files

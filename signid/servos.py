@@ -34,11 +34,11 @@ from .parameters import Array
 DRIVE_LAWS = ("effort", "duty", "torque_speed")
 KD_ON = ("velocity", "error")
 # numbers of a drive that are laws of its joint, of the same name
-PASSIVE = ("armature", "viscous_friction", "coulomb_friction", "torque_offset")
-WORDS: Mapping[str, Sequence[str]] = {"law": DRIVE_LAWS, "kd_on": KD_ON}
-SMALLEST, LARGEST = 1e-9, 1e7  # [unit of the number] least that is not zero, and largest; of the drives of robots
-LIMITS = ("effort_limit", "speed_limit", "profile_speed")  # numbers that cannot be zero; infinite: no limit
-LONGEST_DELAY = 10.0  # [s]; the buses of robots need less than 0.3 s
+PASSIVE_LAWS = ("armature", "viscous_friction", "coulomb_friction", "torque_offset")
+CHOICES: Mapping[str, Sequence[str]] = {"law": DRIVE_LAWS, "kd_on": KD_ON}
+MIN_NUMBER, MAX_NUMBER = 1e-9, 1e7  # [unit of the number] that is not zero; of the drives of robots
+LIMIT_KEYS = ("effort_limit", "speed_limit", "profile_speed")  # numbers that cannot be zero; infinite: no limit
+MAX_DRIVE_DELAY = 10.0  # [s]; the buses of robots need less than 0.3 s
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class Servo:
     kp_register: float | None = None  # firmware gain that `kp` belongs to; a recording's own is relative to it
     # numbers that recordings do not identify, with the value that was stated before, if any [unit of the number]
     not_identifiable: Mapping[str, float | None] = field(default_factory=dict, compare=False)
-    combined: tuple[str, ...] = field(default=(), compare=False)  # of SUMS, those that recordings identify only whole
+    combined: tuple[str, ...] = field(default=(), compare=False)  # keys of SUM_PARTS that are identified only whole
     std: Mapping[str, float] = field(default_factory=dict, compare=False)  # of identified numbers [unit of the number]
 
     @property
@@ -101,7 +101,7 @@ class Servo:
         if self.not_identifiable or self.combined or self.std:
             marks["std"] = {name: x for name, x in self.std.items() if name not in numbers}
             marks["not_identifiable"] = {name: x for name, x in self.not_identifiable.items() if name not in numbers}
-            marks["combined"] = tuple(name for name in self.combined if not numbers.keys() & set(SUMS[name]))
+            marks["combined"] = tuple(name for name in self.combined if not numbers.keys() & set(SUM_PARTS[name]))
         return replace(self, **numbers, **marks)  # type: ignore[arg-type]
 
 
@@ -113,8 +113,8 @@ class Marks(NamedTuple):
     std: Mapping[str, float] = MappingProxyType({})
 
 
-MARKS = Marks._fields
-SUMS: Mapping[str, Sequence[str]] = {"damping": ("kd", "viscous_friction"), "lag": ("delay",)}  # and their parts
+MARK_KEYS = Marks._fields
+SUM_PARTS: Mapping[str, Sequence[str]] = {"damping": ("kd", "viscous_friction"), "lag": ("delay",)}  # and their parts
 # parameters of laws of the joint that are packed beside the numbers of a drive, by effect
 JOINT_LAWS: Mapping[str, Mapping[str, str]] = {
     "stribeck_friction": {"level": "stribeck_level", "velocity": "stribeck_velocity"},
@@ -140,7 +140,7 @@ JOINT_LAWS: Mapping[str, Mapping[str, str]] = {
 }
 JOINT_NUMBERS = tuple(number for numbers in JOINT_LAWS.values() for number in numbers.values())
 SERVO_NUMBERS = tuple(
-    f.name for f in fields(Servo) if f.name not in (*WORDS, "kp_register", "link_encoder", *MARKS, *JOINT_NUMBERS)
+    f.name for f in fields(Servo) if f.name not in {*CHOICES, "kp_register", "link_encoder", *MARK_KEYS, *JOINT_NUMBERS}
 )
 LOOP_NUMBERS = (*SERVO_NUMBERS, *JOINT_NUMBERS, "link_encoder")  # of the closed loop
 SERVO_UNITS = {
@@ -217,12 +217,12 @@ def number_fault(name: str, value: float, positive: bool = False) -> str:
     if name == "link_encoder":
         return "" if value in (0.0, 1.0) else "expected 1 or 0"
     if name == "delay":
-        return "" if 0 <= value <= LONGEST_DELAY else f"expected a delay from 0 to {LONGEST_DELAY:g} s"
+        return "" if 0 <= value <= MAX_DRIVE_DELAY else f"expected a delay from 0 to {MAX_DRIVE_DELAY:g} s"
     if name == "torque_offset":
-        return "" if abs(value) <= LARGEST else f"expected a number from {-LARGEST:g} to {LARGEST:g}"
-    if positive and not SMALLEST <= value <= LARGEST:
-        return f"expected a positive number from {SMALLEST:g} to {LARGEST:g}"
-    return "" if 0 <= value <= LARGEST else f"expected zero or a positive number up to {LARGEST:g}"
+        return "" if abs(value) <= MAX_NUMBER else f"expected a number from {-MAX_NUMBER:g} to {MAX_NUMBER:g}"
+    if positive and not MIN_NUMBER <= value <= MAX_NUMBER:
+        return f"expected a positive number from {MIN_NUMBER:g} to {MAX_NUMBER:g}"
+    return "" if 0 <= value <= MAX_NUMBER else f"expected zero or a positive number up to {MAX_NUMBER:g}"
 
 
 def servos_document(servos: Mapping[str, Servo], joints: Sequence[str]) -> dict[str, dict[str, Any]]:
@@ -255,17 +255,17 @@ def servos_from(content: Mapping[str, Mapping[str, Any]], joints: Sequence[str])
         if joint in content
     }
     for joint, servo in found.items():
-        for key, known in WORDS.items():
+        for key, known in CHOICES.items():
             if getattr(servo, key) not in known:
                 raise ValueError(f"servos.{joint}.{key}: {getattr(servo, key)!r} is none of {', '.join(known)}")
         for key in ("not_identifiable", "std"):
             if strangers := [name for name in getattr(servo, key) if name not in SERVO_NUMBERS]:
                 raise ValueError(f"servos.{joint}.{key}: a drive has no number {strangers[0]!r}")
-        if strangers := [name for name in servo.combined if name not in SUMS]:
-            raise ValueError(f"servos.{joint}.combined: {strangers[0]!r} is none of {', '.join(SUMS)}")
-        given = {name: value for name, value in content[joint].items() if name not in (*WORDS, *MARKS)}
+        if strangers := [name for name in servo.combined if name not in SUM_PARTS]:
+            raise ValueError(f"servos.{joint}.combined: {strangers[0]!r} is none of {', '.join(SUM_PARTS)}")
+        given = {name: value for name, value in content[joint].items() if name not in (*CHOICES, *MARK_KEYS)}
         for name, value in given.items():
-            positive = name in (*LIMITS, "kp_register") or (name == "kp" and value > 0)
+            positive = name in (*LIMIT_KEYS, "kp_register") or (name == "kp" and value > 0)
             if value is not None and (fault := number_fault(name, value, positive)):
                 raise ValueError(f"servos.{joint}.{name}: {value:g} {SERVO_UNITS.get(name, '')}; {fault}")
     return found

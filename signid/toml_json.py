@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 SCHEMAS = Path(__file__).parent / "output" / "schema"
-LARGEST_FILE = 200_000_000  # [bytes]
-LARGEST = 1e12  # magnitude of a number; no robot has a larger one in SI units
+MAX_FILE_BYTES = 200_000_000  # [bytes]
+MAX_MAGNITUDE = 1e12  # magnitude of a number; no robot has a larger one in SI units
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:
@@ -47,8 +47,8 @@ def check_numbers(content: Any) -> None:
         ValueError: one is not; the message says where.
     """
     for place, number in _numbers(content, ""):
-        if not -LARGEST <= number <= LARGEST:
-            raise ValueError(f"{place[1:]}: expected a finite number up to {LARGEST:.0e}")
+        if not -MAX_MAGNITUDE <= number <= MAX_MAGNITUDE:
+            raise ValueError(f"{place[1:]}: expected a finite number up to {MAX_MAGNITUDE:.0e}")
 
 
 def _numbers(content: Any, place: str) -> Iterator[tuple[str, float]]:
@@ -66,8 +66,8 @@ def _parsed(parse: Callable[[str], Any], path: str | Path) -> Any:
     path = Path(path)
     if path.exists() and not path.is_file():
         raise ValueError("it is no regular file")
-    if path.exists() and path.stat().st_size > LARGEST_FILE:
-        raise ValueError(f"it has more than {LARGEST_FILE / 1e6:.0f} MB")
+    if path.exists() and path.stat().st_size > MAX_FILE_BYTES:
+        raise ValueError(f"it has more than {MAX_FILE_BYTES / 1e6:.0f} MB")
     text = path.read_bytes().decode("utf-8-sig").replace("\r\n", "\n")
     try:
         return parse(text)

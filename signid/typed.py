@@ -14,7 +14,7 @@ import numpy as np
 
 from .errors import OptionError, SignidError
 
-LOOKED_AT = 100  # elements of a sequence that are compared with its annotation
+MAX_ELEMENTS = 100  # elements of a sequence that are compared with its annotation
 
 Arguments = ParamSpec("Arguments")
 Value = TypeVar("Value")
@@ -98,11 +98,11 @@ def fits(value: Any, hint: Any) -> bool:
 def _holds(value: Any, origin: type, parts: tuple[Any, ...]) -> bool:
     """Whether the elements of a container are of their annotated types."""
     if issubclass(origin, Mapping) and len(parts) == 2:
-        return all(fits(key, parts[0]) and fits(one, parts[1]) for key, one in islice(value.items(), LOOKED_AT))
+        return all(fits(key, parts[0]) and fits(one, parts[1]) for key, one in islice(value.items(), MAX_ELEMENTS))
     if origin is tuple and parts and parts[-1] is not Ellipsis:
         return len(value) == len(parts) and all(map(fits, value, parts))
     if issubclass(origin, Iterable) and parts and not callable(value) and hasattr(value, "__len__"):
-        return all(fits(one, parts[0]) for one in islice(value, LOOKED_AT))
+        return all(fits(one, parts[0]) for one in islice(value, MAX_ELEMENTS))
     return True
 
 

@@ -10,7 +10,7 @@ from diagnosis_rows import RATE, Question, law, names, pose
 
 from signid.diagnose.data.hypotheses import Hypothesis
 from signid.diagnose.data.thresholds import CONTACT_WIDTHS
-from signid.diagnose.search.contact_window import LEAST_ROWS, _best, find_contact
+from signid.diagnose.search.contact_window import MIN_WINDOW_ROWS, _best, find_contact
 from signid.diagnose.search.iterate import _with_contact
 from signid.types import Array
 
@@ -93,7 +93,7 @@ def test_the_best_window_has_the_best_evidence_of_all() -> None:
     assert best.log_bayes == pytest.approx(log_bayes(best.start, best.stop)) == pytest.approx(max(near))
     assert abs(best.start - 20) <= 2 and abs(best.stop - 34) <= 2
     assert best.log_bayes >= max(log_bayes(k, k + int(width * rate)) for width in CONTACT_WIDTHS[:3] for k in range(20))
-    assert best.stop - best.start >= LEAST_ROWS
+    assert best.stop - best.start >= MIN_WINDOW_ROWS
 
 
 def test_a_contact_makes_torque_in_its_window_alone() -> None:

@@ -7,7 +7,7 @@ import pytest
 from random_rows import DISPERSION, OFFSET, SPRING, VISCOUS, WAVE, rows, table
 
 from signid.diagnose.data.column_groups import Group
-from signid.diagnose.detectable import NAMED, measure_power
+from signid.diagnose.detectable import NAMING_PROBABILITY, measure_power
 from signid.diagnose.evidence.bayes_factors import Evidence, log_bayes_factor
 
 
@@ -34,7 +34,7 @@ def test_the_log_bayes_factor_is_exceeded_with_the_probability_that_is_named(gro
     for at in (12, 20):  # 5 and 20 standard deviations
         z = power.sizes[at] * (own[0] @ direction[0]) + noise
         found = log_bayes_factor(priors, own, z[:, None, :])[:, 0]
-        assert np.mean(found >= power.log[at, 0]) == pytest.approx(NAMED, abs=within)
+        assert np.mean(found >= power.log[at, 0]) == pytest.approx(NAMING_PROBABILITY, abs=within)
 
 
 @pytest.mark.parametrize("scale", [0.0, 1.0])

@@ -14,7 +14,7 @@ pytest.importorskip("mujoco", reason="MuJoCo is not installed; pip install 'sign
 from diagnosed import Planted, fault, look  # noqa: E402
 
 from signid.diagnose import Diagnosis  # noqa: E402
-from signid.diagnose.findings.thresholds import PLAUSIBLE, SEPARATED, SEPARATED_PER_FINDING  # noqa: E402
+from signid.diagnose.findings.thresholds import MAX_MOTIONS, MOTIONS_PER_FINDING, PLAUSIBLE_PROBABILITY  # noqa: E402
 from signid.effects import EFFECTS  # noqa: E402
 from signid.output.report import to_json  # noqa: E402
 from signid.output.report.results.diagnosis import diagnosis_document  # noqa: E402
@@ -98,7 +98,7 @@ def test_the_likeliest_alternatives_come_first_and_have_separating_motions(found
         chances = [other["probability"] for other in one["alternatives"]]
         assert chances == sorted(chances, reverse=True)
         for k, other in enumerate(one["alternatives"]):
-            wanted = other["probability"] > PLAUSIBLE and k < SEPARATED_PER_FINDING and sought < SEPARATED
+            wanted = other["probability"] > PLAUSIBLE_PROBABILITY and k < MOTIONS_PER_FINDING and sought < MAX_MOTIONS
             assert bool(other["separating_motion"]) == wanted
             sought += wanted
 

@@ -14,7 +14,7 @@ from signid.diagnose.data.hypotheses import Hypothesis, is_refitted, propose
 from signid.diagnose.data.whitened_rows import Fitted, solve
 from signid.diagnose.extend.extend import extend
 from signid.diagnose.findings.findings import tell_apart
-from signid.diagnose.findings.thresholds import PLAUSIBLE
+from signid.diagnose.findings.thresholds import PLAUSIBLE_PROBABILITY
 from signid.diagnose.search.contributions import measure_contributions, residual_growth
 from signid.diagnose.search.stepwise import inertial_violations, prune
 from signid.effects import EFFECTS
@@ -239,7 +239,7 @@ def test_structural_twins_are_listed(robot: str, planted: Any, own: str, twin: t
     together = {*listed, named(found)[0]}
     assert twin in together and own in {name for name, _ in together} and found.verdict == "named"
     other = listed.get(twin, next(iter(listed.values())))
-    assert other.separating_motion == (NEVER if other.probability > PLAUSIBLE else "")
+    assert other.separating_motion == (NEVER if other.probability > PLAUSIBLE_PROBABILITY else "")
     assert sum(a.probability for a in found.findings[0].alternatives) + found.findings[0].probability <= 1 + 1e-9
 
 

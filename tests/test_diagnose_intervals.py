@@ -15,7 +15,7 @@ from signid.diagnose.data.hypotheses import Hypothesis
 from signid.diagnose.extend.extend import read_laws
 from signid.diagnose.findings import intervals
 from signid.diagnose.findings.intervals import _by_key, _parts, standard_deviations
-from signid.diagnose.findings.thresholds import BLOCK_PERIODS, MOST_PARTS
+from signid.diagnose.findings.thresholds import BLOCK_PERIODS, MAX_JACKKNIFE_PARTS
 from signid.estimation.repeats import jackknife_variance
 from signid.parameters import TWO_SIDED
 from signid.types import Array
@@ -112,7 +112,7 @@ def test_parts_are_stretches_of_each_recording() -> None:
     part = _parts(one.dataset)
     recording = one.posterior.evidence.data.recording
     length = BLOCK_PERIODS / one.dataset.task.band.cutoff
-    assert part.max() + 1 == min(MOST_PARTS, 2 * int(np.ceil(8.0 / length)))
+    assert part.max() + 1 == min(MAX_JACKKNIFE_PARTS, 2 * int(np.ceil(8.0 / length)))
     assert all(len(set(recording[part == k])) == 1 for k in range(part.max() + 1)) and np.all(np.diff(part) >= 0)
 
 

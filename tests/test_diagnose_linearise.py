@@ -9,7 +9,7 @@ from diagnosed import Planted, fault, look, named, read, recorded, simulation
 
 import signid
 from signid.diagnose.result import Diagnosis
-from signid.diagnose.search.iterate import DISAGREEMENT
+from signid.diagnose.search.iterate import DISAGREEMENT_FLAG
 
 LOAD = fault("payload", 3, mass=0.4, first_moment_x=0.02, first_moment_y=0.0, first_moment_z=0.01)
 OTHERS = (
@@ -34,7 +34,7 @@ def off(found: Diagnosis, planted: Planted) -> float:
 def test_a_payload_does_not_bias_the_parameters_of_affected_laws(other: Planted) -> None:
     found = look("3r", LOAD, other)
     joint = (0, 1, 2) if other[0] == "base_tilt" else (1,)
-    assert set(named(found)) == {("payload", (2,)), (other[0], joint)} and DISAGREEMENT not in found.flags
+    assert set(named(found)) == {("payload", (2,)), (other[0], joint)} and DISAGREEMENT_FLAG not in found.flags
     assert off(found, other) < 0.05
     (payload,) = [one for one in found.findings if one.law.effect.name == "payload"]
     for key, truth in LOAD[2]:
@@ -53,7 +53,7 @@ def test_a_search_that_does_not_converge_is_flagged(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(TOGETHER, "_names", lambda _: object())
     monkeypatch.setattr(TOGETHER, "RELINEARISATION_ROUNDS", 1)
     found = signid.diagnose(simulation("3r"), read("3r", recorded("3r", LOAD, OTHERS[1])))
-    assert DISAGREEMENT in found.flags and off(found, OTHERS[1]) > 0.2
+    assert DISAGREEMENT_FLAG in found.flags and off(found, OTHERS[1]) > 0.2
 
 
 @pytest.mark.slow
@@ -71,5 +71,5 @@ def test_a_time_limit_in_a_later_round_keeps_earlier_findings(monkeypatch: pytes
     monkeypatch.setattr(TOGETHER, "_search", interrupted)
     monkeypatch.setattr(TOGETHER, "relinearise", lambda *given: later.append(True) or about(*given))
     found = signid.diagnose(simulation("3r"), read("3r", recorded("3r", LOAD, OTHERS[1])))
-    assert asked[0] is False and asked[-1] is True and sum(asked) == 1 and DISAGREEMENT not in found.flags
+    assert asked[0] is False and asked[-1] is True and sum(asked) == 1 and DISAGREEMENT_FLAG not in found.flags
     assert set(named(found)) == {("payload", (2,)), ("load_friction", (1,))} and off(found, OTHERS[1]) > 0.2

@@ -14,7 +14,7 @@ from signid.diagnose.data.hypotheses import hats
 from signid.diagnose.data.locate import find_wave, locate
 from signid.diagnose.data.noise import find_period, measure_noise, whiten
 from signid.diagnose.data.rows import RowTable, _holding_torque, _pushed
-from signid.diagnose.data.thresholds import MIN_MOVING, REPLICATE_FACTOR, STATIC_OVER_DRY
+from signid.diagnose.data.thresholds import MIN_MOVING_ROWS, REPLICATE_FACTOR, STATIC_OVER_DRY
 from signid.diagnose.data.whitening import weights
 from signid.types import Array
 
@@ -226,7 +226,7 @@ def test_a_joint_at_rest_under_more_torque_than_friction_holds_is_no_rest() -> N
 
 def test_what_friction_holds_is_unknown_of_a_joint_that_hardly_moves() -> None:
     rests = np.ones((200, 1), dtype=bool)
-    rests[:MIN_MOVING] = False
+    rests[:MIN_MOVING_ROWS] = False
     assert np.isinf(_holding_torque(np.ones((200, 1)), rests, np.zeros(1))).all()
 
 

@@ -12,7 +12,7 @@ from diagnosis_rows import Question, law, names, pose
 from signid.diagnose.data.thresholds import (
     FIRST_LOG_ODDS,
     IMITATED_LOG_ODDS,
-    LEAST_TORQUE_SHARE,
+    MIN_LAW_TORQUE_SHARE,
     NEXT_LOG_ODDS,
     SHAPE_ERROR,
     UNTRUSTED_LOG_ODDS,
@@ -149,7 +149,7 @@ def test_a_law_that_is_more_than_its_simpler_ones_stays() -> None:
 @pytest.mark.parametrize(("size", "large"), [(0.5, False), (2.0, True)])
 def test_laws_need_a_minimum_torque(size: float, large: bool) -> None:
     scale = float(question().posterior.evidence.data.scale[0])
-    one = pose(LIBRARY, law("torque_offset", offset=size * LEAST_TORQUE_SHARE * scale), noise=1e-3)
+    one = pose(LIBRARY, law("torque_offset", offset=size * MIN_LAW_TORQUE_SHARE * scale), noise=1e-3)
     assert is_admissible(one.selection(), one.group("torque_offset", 0)) == large
 
 

@@ -18,7 +18,7 @@ from signid.diagnose.findings.alternatives import (
     replace_weak,
     residual_energies,
 )
-from signid.diagnose.findings.thresholds import CAUSE_SHARE, FORMULA_ERROR, MOST_IN_STEP
+from signid.diagnose.findings.thresholds import FORMULA_ERROR, MAX_IN_STEP_LOG_ODDS, MIN_CAUSE_SHARE
 from signid.diagnose.findings.verdict import Verdict, _drifts_first, decide_verdict
 from signid.diagnose.search.contributions import measure_contributions
 from signid.diagnose.search.stepwise import stepwise_search
@@ -119,7 +119,7 @@ def test_a_law_without_torque_is_dropped() -> None:
 def test_one_joint_alone_is_never_in_step() -> None:
     one = pose(LIBRARY, VISCOUS)
     contenders = ranked(one, "viscous_friction")
-    assert limit_in_step(one.dataset, contenders) == contenders and MOST_IN_STEP == pytest.approx(np.log(19))
+    assert limit_in_step(one.dataset, contenders) == contenders and MAX_IN_STEP_LOG_ODDS == pytest.approx(np.log(19))
 
 
 def verdict(one: Question, *selected: str) -> Verdict:
@@ -162,7 +162,7 @@ def test_a_small_law_beside_a_large_one_is_a_correction() -> None:
     one = pose(LIBRARY, large, small)
     decided = verdict(one, "viscous_friction", "spring")
     assert [group.claim.key[0] for group in decided.causes] == ["spring"]
-    assert [group.claim.key[0] for group in decided.secondary] == ["viscous_friction"] and 0 < CAUSE_SHARE < 1
+    assert [group.claim.key[0] for group in decided.secondary] == ["viscous_friction"] and 0 < MIN_CAUSE_SHARE < 1
     equal = verdict(pose(LIBRARY, SPRING, VISCOUS), "viscous_friction", "spring")
     assert len(equal.causes) == 2
 

@@ -11,7 +11,7 @@ from test_output_report_diagnosis import AFTER, APART, BEFORE, FINDINGS, FLAG, F
 from test_signs_page import Page, figures, values
 
 from signid.diagnose import Diagnosis
-from signid.diagnose.findings.thresholds import AMBIGUOUS
+from signid.diagnose.findings.thresholds import AMBIGUOUS_WORDS
 from signid.output.report.results.diagnosis import diagnosis_page, diagnosis_tables
 
 
@@ -40,7 +40,7 @@ def test_the_page_says_the_same_and_loads_nothing() -> None:
 
 
 def test_a_headline_is_red_if_flags_say_that_the_result_is_unreliable() -> None:
-    ambiguous = f"payload of joint_3 {AMBIGUOUS} (80%); the others: link_inertia of joint_3 (20%)"
+    ambiguous = f"payload of joint_3 {AMBIGUOUS_WORDS} (80%); the others: link_inertia of joint_3 (20%)"
     for flags, red in (((), False), ((ambiguous,), False), ((ambiguous, "the torque is shifted by 1 s"), True)):
         result = made(flags=flags)
         page = diagnosis_page(result)

@@ -19,7 +19,7 @@ from signid.errors import OptionError
 from signid.model import Model, command_model, load_model, torque_model, with_servos
 from signid.regression.motion import Motion
 from signid.servo.simulate import simulate_servos
-from signid.servos import PASSIVE, Servo
+from signid.servos import PASSIVE_LAWS, Servo
 from signid.types import Law, Trajectory
 
 SIZES = {"armature": 0.5, "viscous_friction": 0.5, "coulomb_friction": 0.4, "torque_offset": -0.3}
@@ -52,7 +52,7 @@ def commanded(seconds: float = 1.0, size: float = 0.3) -> Trajectory:
     return Trajectory(("joint_1", "joint_2", "joint_3"), t, q, np.gradient(q, t, axis=0), np.zeros_like(q))
 
 
-@pytest.mark.parametrize("name", PASSIVE)
+@pytest.mark.parametrize("name", PASSIVE_LAWS)
 def test_a_number_of_a_drive_is_a_law_of_its_joint(name: str, bare: Model) -> None:
     x, size = motion(bare), SIZES[name]
     stated, drive = with_law(bare, name, size), with_servos(bare, {"joint_2": replace(DRIVE, **{name: size})})

@@ -15,7 +15,7 @@ from signid.errors import SignidError
 from signid.model import load_model
 from signid.output.export import KINDS, VENDORS, export
 from signid.robot import load_robot
-from signid.servos import DRIVE_LAWS, KD_ON, LIMITS, SERVO_NUMBERS, Servo
+from signid.servos import DRIVE_LAWS, KD_ON, LIMIT_KEYS, SERVO_NUMBERS, Servo
 
 WRONG = {
     "kp": ("5e-324", "1e-10", "1e11", "-1", "1e300"),
@@ -95,7 +95,7 @@ def test_a_model_that_could_not_be_read_is_not_written(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("place", "value", "words"),
     [
-        *((name, value, f"servos.joint_1.{name}: ") for name in LIMITS for value in (0, 1e-300)),
+        *((name, value, f"servos.joint_1.{name}: ") for name in LIMIT_KEYS for value in (0, 1e-300)),
         ("law", "magic", "magic"),
         ("kp", "stiff", "kp"),
         ("kp", float("nan"), "kp"),

@@ -16,7 +16,7 @@ from signid.model import Model, load_model, with_servos
 from signid.output.report import to_json
 from signid.output.report.plots.courses import closed_loop_plots
 from signid.output.report.results.servo_identification import servo_identification_document
-from signid.servos import PASSIVE, Servo
+from signid.servos import PASSIVE_LAWS, Servo
 from signid.toml_json import SCHEMAS, check_schema
 
 DUTY = Servo(law="duty", kp=1.1, kd=0.05, delay=0.01, effort_limit=0.8, coulomb_friction=0.1, torque_offset=-0.2)
@@ -45,7 +45,7 @@ def test_a_number_of_a_drive_replaces_the_law_of_its_joint(tmp_path: Path) -> No
     driven = with_servos(stated, {"joint_1": DUTY.with_(armature=0.3)})
     assert [(law.effect.name, law.joints) for law in driven.laws_beside_drives] == [("armature", (1,))]
     assert driven.servos["joint_1"].armature == 0.3
-    assert all(hasattr(DUTY, name) for name in PASSIVE)
+    assert all(hasattr(DUTY, name) for name in PASSIVE_LAWS)
 
 
 def test_the_document_follows_its_schema_and_the_contract() -> None:

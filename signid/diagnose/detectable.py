@@ -20,18 +20,18 @@ from ..effects.naming import law_place
 from ..types import Array, Law, Robot
 from .data.column_groups import Group
 from .data.hypotheses import Key
-from .data.thresholds import FIRST_LOG_ODDS, LEAST_TORQUE_SHARE, NEXT_LOG_ODDS, PRIOR_NOTHING, RECORDING_LIMITS
+from .data.thresholds import FIRST_LOG_ODDS, MIN_LAW_TORQUE_SHARE, NEXT_LOG_ODDS, PRIOR_NOTHING, RECORDING_LIMITS
 from .evidence.bayes_factors import StackedPriors, log_bayes_factor
 from .evidence.selection import Selection
 from .result import Detectable
 from .search.stepwise import inflated_dispersion, is_applicable, present_laws, required_log_odds
 
-NAMED = 0.9  # probability with which a law of the smallest size is named [1]
-SHORTFALL = float(ndtri(NAMED))  # standard deviations by which it then appears smaller [1]
-LEAST_INFORMATION = 1e-30  # [1 per coefficient, squared] lower bound, so that its inverse exists
-SIZES = np.geomspace(1.0, 1e4, 50)[:, None]  # (sizes, 1) that are tried [standard deviations of the coefficient]
+NAMING_PROBABILITY = 0.9  # probability with which a law of the smallest size is named [1]
+SHORTFALL_DEVIATIONS = float(ndtri(NAMING_PROBABILITY))  # standard deviations by which it then appears smaller [1]
+MIN_INFORMATION = 1e-30  # [1 per coefficient, squared] lower bound, so that its inverse exists
+TRIED_SIZES = np.geomspace(1.0, 1e4, 50)[:, None]  # (sizes, 1) that are tried [standard deviations of the coefficient]
 
-_Place = tuple[str, str | None, str]  # effect, joint and parameter
+_ParameterKey = tuple[str, str | None, str]  # effect, joint and parameter
 
 
 class Power(NamedTuple):
@@ -73,9 +73,9 @@ def measure_power(priors: StackedPriors, own: Array, whole: Array, direction: Ar
     is A at each prior scale; whole (g, d, d) [1 per coefficient, squared] is S'S; logs (k,) [-] of scales.
     """
     along, most = (np.einsum("gi,...gij,gj->...g", direction, x, direction) for x in (own, whole))
-    std = np.maximum(along, np.maximum(1e-12 * most, LEAST_INFORMATION)) ** -0.5  # (k, g)
-    sizes = SIZES * std.min(axis=0)
-    seen = np.maximum(sizes - SHORTFALL * std[:, None], 0.0)  # (k, sizes, g)
+    std = np.maximum(along, np.maximum(1e-12 * most, MIN_INFORMATION)) ** -0.5  # (k, g)
+    sizes = TRIED_SIZES * std.min(axis=0)
+    seen = np.maximum(sizes - SHORTFALL_DEVIATIONS * std[:, None], 0.0)  # (k, sizes, g)
     beside = logs[:, None, None] + sizes**2 * (most - along)[:, None] / 2
     right = np.einsum("kgij,gj,ktg->ktgi", own, direction, seen)
     factors = np.array([log_bayes_factor(priors, a, z) for a, z in zip(own, right, strict=True)])
@@ -112,7 +112,7 @@ def _smallest(selection: Selection, group: Group, direction: Array, power: Power
         return np.inf
     rise = float(np.interp(needed, odds[at - 1 : at + 1], [0.0, 1.0])) if at else 1.0
     size = power.sizes[at - 1] ** (1 - rise) * power.sizes[at] ** rise
-    size = max(float(size), LEAST_TORQUE_SHARE / share + SHORTFALL * float(power.std))
+    size = max(float(size), MIN_LAW_TORQUE_SHARE / share + SHORTFALL_DEVIATIONS * float(power.std))
     unit = next(iter(law.effect.linear().values())).unit
     most = RECORDING_LIMITS.get(unit, np.inf) if isinstance(law.effect, RecordingLaw) else np.inf
     return size if size <= most and size * share <= 1 else np.inf
@@ -120,7 +120,7 @@ def _smallest(selection: Selection, group: Group, direction: Array, power: Power
 
 def _listed(found: Mapping[Key, Sequence[tuple[Law, float]]], robot: Robot) -> Iterator[Detectable]:
     """One size for each effect and joint: the median over shapes, the largest over partners."""
-    sizes, units = dict[_Place, float](), dict[_Place, str]()
+    sizes, units = dict[_ParameterKey, float](), dict[_ParameterKey, str]()
     for some in found.values():
         law, (parameter, kind) = some[0][0], next(iter(some[0][0].effect.linear().items()))
         joint = law_place(law, robot)[0]

@@ -15,8 +15,8 @@ from ..simulation.rollout import RollOut
 from ..types import Array, Frozen, Input, Law, Recording, Result, Robot
 from .data.locate import Location
 
-MUCH = 0.3  # share of a joint's torque that is much if no law explains it [1]: R2 below 0.91; heuristic
-HARDLY = (
+MUCH_SHARE = 0.3  # share of a joint's torque that is much if no law explains it [1]: R2 below 0.91; heuristic
+MIN_CAUSE_RATIO = (
     0.5  # torque of a cause over the unexplained torque of a joint, below which it hardly acts there [1]; heuristic
 )
 
@@ -77,7 +77,7 @@ def without_cause(findings: Iterable[Finding], unexplained: Iterable[Unexplained
     return tuple(
         left
         for left in unexplained
-        if left.share >= MUCH and all(share[left.joint] < HARDLY * left.share for share in causes)
+        if left.share >= MUCH_SHARE and all(share[left.joint] < MIN_CAUSE_RATIO * left.share for share in causes)
     )
 
 

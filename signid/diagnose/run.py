@@ -27,7 +27,7 @@ from ..types import Array, Law, Progress, Recording
 from .data.column_groups import build_groups, dry_friction
 from .data.dataset import Dataset
 from .data.estimated_gains import with_estimated_gains
-from .data.hypotheses import GRAVITY, VARIABLES, is_transient, pooled, propose
+from .data.hypotheses import GRAVITY_EFFECT, VARIABLE_NAMES, is_transient, pooled, propose
 from .data.locate import locate
 from .data.motions import pieces, row_filter, subsample
 from .data.noise import find_period, measure_noise, noise_of_misfit
@@ -43,24 +43,24 @@ from .findings.alternatives import limit_in_step, replace_weak
 from .findings.findings import Conclusions, conclude
 from .findings.held_out_prediction import add_empirical_torque, holdout_warnings, keep_given_if_worse, rollout_warnings
 from .findings.ordinary import impossible, pinned, with_ordinary, without
-from .findings.stated import MOST_LOG_ODDS, torque_share
+from .findings.stated import MAX_LOG_ODDS, torque_share
 from .findings.verdict import decide_verdict
 from .result import Diagnosis, Finding
-from .search.contact_window import NAME as CONTACT
+from .search.contact_window import CONTACT_EFFECT as CONTACT
 from .search.iterate import SearchResult, select
-from .search.stepwise import SEARCH, prune
+from .search.stepwise import LAW_SEARCH, prune
 
 HORIZON = 0.5  # length of the roll-outs [s]
 NOTHING_MISSING, UNDECIDED = "nothing_missing", "undecided"  # verdicts
-CUTOFF = 8.0  # cut-off if encoder noise allows it [Hz]: laws differ most in fast torque; heuristic
-NOISIEST_FACTOR = 1.5  # largest cut-off over the one that the noisiest encoder allows [1]; heuristic
-WORTH_PREPARING = 0.95  # cut-off over the allowed one below which the recordings are prepared again [1]; heuristic
+MAX_CUTOFF = 8.0  # cut-off if encoder noise allows it [Hz]: laws differ most in fast torque; heuristic
+MAX_CUTOFF_RATIO = 1.5  # largest cut-off over the one that the noisiest encoder allows [1]; heuristic
+PREPARED_CUTOFF_RATIO = 0.95  # over the allowed one, below which recordings are prepared again [1]; heuristic
 CLEAR_KINDS = ("torque sign", "torque order")  # recording faults that few rows show
-CLEARLY_EXPLAINED = 0.9  # share of the torque's sum of squares that such a fault explains, at least [1]; heuristic
-SHORT = "too little data"  # recording fault that priors compensate from LEAST_ROWS rows a joint on
-LEAST_ROWS = 12  # rows of a joint, and of all joints held out; heuristic
-NATS = 4.0  # log odds per nat of log unexplained shares: half of the blocks, as if each were one independent row
-WEIGHTLESS = (
+CLEAR_FAULT_SHARE = 0.9  # share of the torque's sum of squares that such a fault explains, at least [1]; heuristic
+SHORT_FAULT = "too little data"  # recording fault that priors compensate from MIN_JOINT_ROWS rows a joint on
+MIN_JOINT_ROWS = 12  # rows of a joint, and of all joints held out; heuristic
+LOG_ODDS_PER_NAT = 4.0  # of log unexplained shares [-]: half of the blocks, as if each were one independent row
+WEIGHTLESS_REASON = (
     "the recorded torque carries no weight of the robot, so masses are not identifiable; log the whole torque, or "
     "state it with --gravity 0,0,0"
 )
@@ -108,7 +108,7 @@ def diagnose(
     mounting = mounting._replace(given=given, constants=recovered.gains.covariance if recovered.gains else None)
     answer = _answer(mounting.model, mounting, skip, healthy, options.seed, show)
     known, lacked = mounting.model.misfit is not None, False
-    if known and answer.result.verdict in (NOTHING_MISSING, UNDECIDED) and not time_is_up(SEARCH, answer=False):
+    if known and answer.result.verdict in (NOTHING_MISSING, UNDECIDED) and not time_is_up(LAW_SEARCH, answer=False):
         itself = _answer(replace(mounting.model, misfit=None), mounting, skip, healthy, options.seed, show)
         lacked = any(finding.role == "cause" for finding in itself.result.findings)
         answer = itself if lacked else answer
@@ -239,7 +239,7 @@ def _search(
 ) -> SearchResult:
     """Search for laws and show the steps; an early stop leaves the best selection so far."""
     progress("searching", 0.4)
-    time_is_up(SEARCH)  # a stop from here on has a result: the given simulation
+    time_is_up(LAW_SEARCH)  # a stop from here on has a result: the given simulation
     with steps_shown(progress, 0.4, 0.7):
         result = select(dataset, posterior, skip, healthy)
     progress("evaluating", 0.7)
@@ -265,7 +265,7 @@ def _posterior(model: Model, evidence: Evidence, skip: Sequence[str]) -> Posteri
     """Evidence with the priors of the library."""
     bodies = tuple(own_body(model.robot, j) for j in range(len(model.robot.joints)))
     own = StatedBodies(build_base(model.robot), model.whole_inertials())
-    return Posterior(evidence, len({*LISTED_LAWS} - {*skip, GRAVITY}), bodies, own)
+    return Posterior(evidence, len({*LISTED_LAWS} - {*skip, GRAVITY_EFFECT}), bodies, own)
 
 
 def _roll_out(
@@ -307,16 +307,16 @@ def prepare_session(
     with naming_faults(given.session):
         session = rearrange(model.robot, given.session, options)
         band = session.task.band
-        allowed = min(CUTOFF, float(np.median(band.per_joint)), NOISIEST_FACTOR * float(np.min(band.per_joint)))
-        if options.cutoff is None and band.filtered and band.cutoff < WORTH_PREPARING * allowed:
+        allowed = min(MAX_CUTOFF, float(np.median(band.per_joint)), MAX_CUTOFF_RATIO * float(np.min(band.per_joint)))
+        if options.cutoff is None and band.filtered and band.cutoff < PREPARED_CUTOFF_RATIO * allowed:
             session = rearrange(model.robot, session, replace(options, cutoff=allowed))
     session = subsample(session)
     show("looking for recording faults", 0.1)
     faults = examine(model, session)
     if broken := [one for one in faults.findings if one.kind in SAMPLE_KINDS and one.severity == REFUSE]:
         raise RecordingError(broken[0].sentence)
-    if any(one.kind == SHORT and one.measures["rows"] >= LEAST_ROWS for one in faults.findings):
-        faults = replace(faults, findings=tuple(one for one in faults.findings if one.kind == SHORT or _is_clear(one)))
+    if any(one.kind == SHORT_FAULT and one.measures["rows"] >= MIN_JOINT_ROWS for one in faults.findings):
+        faults = replace(faults, findings=tuple(f for f in faults.findings if f.kind == SHORT_FAULT or _is_clear(f)))
     elif faults.refusal:
         raise RecordingError(faults.refusal)
     return _with_held_out(model, session), faults
@@ -335,8 +335,8 @@ class Mounting(NamedTuple):
 
 def mount(model: Model, session: Session, faults: RecordingFaults, skip: Sequence[str]) -> Mounting:
     """Put simulation and session under the gravity that the recordings clearly show, else that of the simulation."""
-    given, shown = model, next((fault for fault in faults.findings if fault.kind == GRAVITY), None)
-    if shown is not None and (GRAVITY in skip or not is_sole(shown)):
+    given, shown = model, next((fault for fault in faults.findings if fault.kind == GRAVITY_EFFECT), None)
+    if shown is not None and (GRAVITY_EFFECT in skip or not is_sole(shown)):
         shown = None
     if shown is not None:
         faults = replace(faults, findings=tuple(fault for fault in faults.findings if fault is not shown))
@@ -348,13 +348,13 @@ def mount(model: Model, session: Session, faults: RecordingFaults, skip: Sequenc
 def _is_clear(fault: RecordingFault) -> bool:
     """Whether few rows suffice for a recording fault: a sign or an order of torques that all parts agree on."""
     measured = fault.measures
-    return fault.kind in CLEAR_KINDS and measured["agreement"] == 1 and measured["explained_after"] > CLEARLY_EXPLAINED
+    return fault.kind in CLEAR_KINDS and measured["agreement"] == 1 and measured["explained_after"] > CLEAR_FAULT_SHARE
 
 
 def _with_held_out(model: Model, session: Session) -> Session:
     """Session with held-out rows; where recordings are too short, the training rows take their place, with a note."""
     thin = row_filter(session.task)
-    if sum(len(thin.at(p.motion.t)) for p in pieces(session.task, model, session.held_out)) >= LEAST_ROWS:
+    if sum(len(thin.at(p.motion.t)) for p in pieces(session.task, model, session.held_out)) >= MIN_JOINT_ROWS:
         return session
     note = (
         "too short to hold rows out: held-out figures are those of the training rows, so optimistic; record for longer"
@@ -390,7 +390,7 @@ def build(
             f"or raise the cut-off"
         )
     motion = pooled([p.motion for p in made])
-    hypotheses = [] if skip is None else propose(model, motion, (*skip, CONTACT, GRAVITY))
+    hypotheses = [] if skip is None else propose(model, motion, (*skip, CONTACT, GRAVITY_EFFECT))
     hypotheses = [one for one in hypotheses if one.stated not in free]
     dry = dry_friction(model, made)
     table = build_table(task, model, build_groups(model, made[0].motion, hypotheses, dry, free), made, dry)
@@ -407,7 +407,7 @@ def with_gravity_finding(
 
     given: the simulation with its own gravity, and `before` its prediction; the dataset has the gravity that was found.
     """
-    effect, joints = EFFECTS[GRAVITY], tuple(range(len(given.robot.joints)))
+    effect, joints = EFFECTS[GRAVITY_EFFECT], tuple(range(len(given.robot.joints)))
     value = {key: fault.measures[key] for key in "xyz"}
     stated = dict(zip("xyz", map(float, given.robot.model.gravity.linear), strict=True))
     torque = dataset.torque(Law(effect, joints, stated))  # what the simulation had instead
@@ -415,14 +415,14 @@ def with_gravity_finding(
     share = torque_share(torque, np.maximum(scale, 1e-300))
     joint = int(np.argmax(share))
     after = result.prediction.held_out.residual[:, joint]
-    odds = min(NATS * fault.measures["gain"] - float(np.log(len(LISTED_LAWS))), MOST_LOG_ODDS)
+    odds = min(LOG_ODDS_PER_NAT * fault.measures["gain"] - float(np.log(len(LISTED_LAWS))), MAX_LOG_ODDS)
     finding = Finding(
         law=Law(effect, joints, value),
         std={key: fault.measures[f"std_{key}"] for key in "xyz"},
         role="cause",
         probability=float(1 / (1 + np.exp(-odds))),
         torque_share=share,
-        where=locate(dataset.table, joint, torque[joint], bool(given.robot.prismatic[joint]), VARIABLES[:-1]),
+        where=locate(dataset.table, joint, torque[joint], bool(given.robot.prismatic[joint]), VARIABLE_NAMES[:-1]),
         statistic=odds,
         threshold=FIRST_LOG_ODDS,
         held_out_gain=1 - float(np.nanmean(after**2) / np.nanmean(before.held_out.residual[:, joint] ** 2)),
@@ -431,5 +431,5 @@ def with_gravity_finding(
         in_model=bool(np.allclose(result.prediction.model.robot.model.gravity.linear, list(value.values()))),
     )
     verdict = "unknown" if result.verdict == "unknown" else "named"
-    flags = (*result.flags, *(() if any(value.values()) else (WEIGHTLESS,)))
+    flags = (*result.flags, *(() if any(value.values()) else (WEIGHTLESS_REASON,)))
     return result._replace(verdict=verdict, findings=(finding, *result.findings), flags=flags)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from ..servos import JOINT_LAWS, PASSIVE, Servo
+from ..servos import JOINT_LAWS, PASSIVE_LAWS, Servo
 from ..types import Law
 from . import DRIVE_EFFECTS, EFFECTS
 from .drive import DriveLaw
@@ -14,7 +14,7 @@ MOTOR_FRICTION = "motor_friction"  # effect of the number `load_friction` of a d
 
 def drive_laws(servo: Servo, joint: int) -> Iterator[Law]:
     """Laws of a drive at the joint of an index: friction, armature and offset of the joint, then laws of the drive."""
-    for name in PASSIVE:
+    for name in PASSIVE_LAWS:
         if value := getattr(servo, name):
             yield Law(EFFECTS[name], (joint,), EFFECTS[name].physical([value], {}))
     for name, numbers in JOINT_LAWS.items():
@@ -44,7 +44,7 @@ def with_law(servo: Servo, law: Law) -> Servo:
         return servo.with_(load_friction=law.parameters["coefficient"])
     if name in JOINT_LAWS:
         return servo.with_(**{JOINT_LAWS[name][key]: float(x) for key, x in law.parameters.items()})
-    if name in PASSIVE:
+    if name in PASSIVE_LAWS:
         return servo.with_(**{name: getattr(servo, name) + law.effect.coefficients(law.parameters)[0]})
     return servo
 
@@ -56,6 +56,6 @@ def packed_drives(laws: Iterable[Law]) -> dict[int, Servo]:
     for law in (law for law in laws if law.joints[0] in found and len(law.joints) == 1):
         [j], name = law.joints, law.effect.name
         found[j] = with_law(found[j], law)
-        if name in PASSIVE and name != "torque_offset":  # estimates may lie below zero
+        if name in PASSIVE_LAWS and name != "torque_offset":  # estimates may lie below zero
             found[j] = found[j].with_(**{name: max(getattr(found[j], name), 0.0)})
     return found

@@ -15,8 +15,8 @@ from ..model import Model, ModelSource, as_model
 from ..robot.dynamics import own_body
 from ..types import INERTIAL, Array, Frozen, Law, pseudo_inertia
 
-CERTAIN = 3.0  # standard deviations of a mass below zero above which it is an error
-STEP = 1e-6  # [1] step of numerical derivatives, over a parameter's size
+NEGATIVE_MASS_DEVIATIONS = 3.0  # standard deviations of a mass below zero above which it is an error
+DERIVATIVE_STEP = 1e-6  # [1] step of numerical derivatives, over a parameter's size
 
 
 def carried(model: Model) -> Load | None:
@@ -66,7 +66,7 @@ def with_payload(model: ModelSource, inertial: ArrayLike, covariance: ArrayLike 
     own = np.zeros((len(INERTIAL),) * 2) if covariance is None else _ten(np.asarray(covariance, float))
     before = carried(model) or Load(np.zeros(len(INERTIAL)), np.zeros_like(own))
     total, errors = before.inertial + added, before.covariance + own
-    if total[0] < -CERTAIN * np.sqrt(errors[0, 0]):
+    if total[0] < -NEGATIVE_MASS_DEVIATIONS * np.sqrt(errors[0, 0]):
         raise OptionError(
             f"the model of {model.robot.name} carries {before.inertial[0]:.3g} kg, so {-added[0]:.3g} kg cannot be "
             f"taken off; give a smaller load"
@@ -132,7 +132,7 @@ class Load(Frozen):
     def _std(self, of: Callable[[Array], Array]) -> Array:
         """Standard deviations (k,) of a function of the ten numbers; infinite if unidentifiable."""
         x, finite = self.inertial, np.isfinite(np.diag(self.covariance))
-        size = np.maximum(np.abs(x), 1e-3 * np.abs(x).max()) * STEP
+        size = np.maximum(np.abs(x), 1e-3 * np.abs(x).max()) * DERIVATIVE_STEP
         slope = np.column_stack([(of(x + d) - of(x - d)) / (2 * s) for d, s in zip(np.diag(size), size, strict=True)])
         known = np.where(np.outer(finite, finite), self.covariance, 0.0)
         std = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", slope, known, slope), 0.0))

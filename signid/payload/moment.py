@@ -15,21 +15,16 @@ from ..regression.rows import Rows, read_rows
 from ..regression.session import Part, Session
 from ..types import Array, Indices
 
-SHORTEST = 0.5  # [s] duration of a piece
-MOST_PIECES = 240  # pieces of a recording
-NUMBERS = 2**24  # largest number of entries of all sums: 128 MB
-BRIEFEST = 2.0  # [s] shortest time with the load, and without it
-RIDGES = (
-    1e-8,
-    1e-6,
-    1e-4,
-    1e-2,
-)  # [1] added to the scaled diagonal, until it is positive: directions without excitation
-LIKELY = 20.0  # [1] log-likelihood below that of the best edge, from which on an edge is none
-ROUNDS = 4  # of the search for one moment with the other one fixed
-NOTICED = 60.0  # [1] least reduction of the squared residual by a load, over its variance, as in `signid.watch`
-SECOND = 0.02  # [1] least further reduction by a second moment, over that of the first
-BATCH = 1.0  # [s] residuals of different batches count as independent
+MIN_PIECE_DURATION = 0.5  # [s] duration of a piece
+MAX_PIECES = 240  # pieces of a recording
+MAX_SUM_ENTRIES = 2**24  # largest number of entries of all sums: 128 MB
+MIN_LOAD_DURATION = 2.0  # [s] shortest time with the load, and without it
+NORMAL_RIDGES = (1e-8, 1e-6, 1e-4, 1e-2)  # [1] added to the scaled diagonal in turn, until it is positive
+EDGE_LOG_LIKELIHOOD = 20.0  # [1] log-likelihood below that of the best edge, from which on an edge is none
+MOMENT_ROUNDS = 4  # of the search for one moment with the other one fixed
+MIN_LOAD_REDUCTION = 60.0  # [1] of the squared residual by a load, over its variance, as in `signid.watch`
+MIN_SECOND_REDUCTION = 0.02  # [1] least further reduction by a second moment, over that of the first
+BATCH_DURATION = 1.0  # [s] residuals of different batches count as independent
 
 
 class Pieces(NamedTuple):
@@ -72,8 +67,8 @@ def piece_rows(session: Session, parts: Sequence[Part]) -> int:
     rate = task.band.rate / task.band.factor
     total = sum(sampling.length(span) for _, sampling in parts for span in sampling.spans) / task.band.factor
     entries = sum((int(seen.sum()) + 1) ** 2 for seen in task.base.sees) + (task.base.rank + 1) ** 2
-    most = min(MOST_PIECES, max(16, NUMBERS // entries))
-    return max(1, round(SHORTEST * rate), int(np.ceil(total / most)))
+    most = min(MAX_PIECES, max(16, MAX_SUM_ENTRIES // entries))
+    return max(1, round(MIN_PIECE_DURATION * rate), int(np.ceil(total / most)))
 
 
 def cut(session: Session, parts: Sequence[Part], size: int) -> Pieces:
@@ -162,11 +157,11 @@ def explain(known: ChangeSums, low: int, high: int, load: bool = True) -> Explai
 
 def _solve(normal: Array, right: Array) -> Array:
     """Solution (k,) of normal equations with a unit diagonal."""
-    for ridge in RIDGES:
+    for ridge in NORMAL_RIDGES:
         with suppress(np.linalg.LinAlgError):
             factor = cho_factor(normal + ridge * np.eye(len(right)), lower=True, check_finite=False)
             return np.asarray(cho_solve(factor, right, check_finite=False))
-    return np.asarray(np.linalg.lstsq(normal, right, rcond=RIDGES[0])[0])
+    return np.asarray(np.linalg.lstsq(normal, right, rcond=NORMAL_RIDGES[0])[0])
 
 
 def search(known: ChangeSums, pieces: Pieces, inflated: float) -> tuple[int, int]:
@@ -175,7 +170,7 @@ def search(known: ChangeSums, pieces: Pieces, inflated: float) -> tuple[int, int
     `inflated` is the variance of residuals over that of noise. (0, 0): the recording is too short.
     """
     count, t = len(pieces.start), pieces.edges
-    inner = [k for k in range(1, count) if t[k] - t[0] >= BRIEFEST and t[-1] - t[k] >= BRIEFEST]
+    inner = [k for k in range(1, count) if t[k] - t[0] >= MIN_LOAD_DURATION and t[-1] - t[k] >= MIN_LOAD_DURATION]
     if not inner:
         return 0, 0
 
@@ -184,17 +179,17 @@ def search(known: ChangeSums, pieces: Pieces, inflated: float) -> tuple[int, int
 
     first = max(inner, key=lambda k: power((k, count)))
     both = max(first, inner[0]), count
-    for _ in range(ROUNDS):
+    for _ in range(MOMENT_ROUNDS):
         before = both
         low, high = both
-        both = max(((low, k) for k in (*inner, count) if t[k] - t[low] >= BRIEFEST), key=power)
-        both = max(((k, both[1]) for k in inner if t[both[1]] - t[k] >= BRIEFEST), key=power)
+        both = max(((low, k) for k in (*inner, count) if t[k] - t[low] >= MIN_LOAD_DURATION), key=power)
+        both = max(((k, both[1]) for k in inner if t[both[1]] - t[k] >= MIN_LOAD_DURATION), key=power)
         if both == before:
             break
     low, high = both
     beside = power(both) - power((first, count))
     load = power((first, count)) - explain(known, first, count, load=False).power
-    clearly = high < count and beside > max(NOTICED * inflated, SECOND * load)
+    clearly = high < count and beside > max(MIN_LOAD_REDUCTION * inflated, MIN_SECOND_REDUCTION * load)
     return both if clearly else (first, count)
 
 
@@ -222,7 +217,7 @@ def inflation(pieces: Pieces, known: ChangeSums, low: int, high: int) -> float:
     b = len(found.base)
     columns = known.changes[:, : known.load]
     loaded = found.base + known.changes @ found.change
-    batch = np.unique(((pieces.start - pieces.start[0]) // BATCH).astype(int), return_index=True)[1]
+    batch = np.unique(((pieces.start - pieces.start[0]) // BATCH_DURATION).astype(int), return_index=True)[1]
     edges = np.append(batch, len(pieces.start))
     spread, white = np.zeros((known.load,) * 2), np.zeros((known.load,) * 2)
     for a, z in zip(edges, edges[1:], strict=False):
@@ -275,7 +270,7 @@ def edge_scores(pieces: Pieces, noise: Array, before: Array, after: Array, infla
 
 def plausible(pieces: Pieces, scores: Array) -> tuple[float, float]:
     """Earliest and latest time [s] that a moment could have, by the scores (P - 1,) [1] of the inner edges."""
-    likely = np.flatnonzero(scores > scores.max() - LIKELY) + 1
+    likely = np.flatnonzero(scores > scores.max() - EDGE_LOG_LIKELIHOOD) + 1
     return float(pieces.stop[likely[0] - 1]), float(pieces.start[likely[-1]])
 
 

@@ -20,7 +20,7 @@ from ..robot.dynamics import own_body
 from ..typed import typed
 from ..types import INERTIAL, Array, Input, Progress, Recording, Robot
 from .moment import (
-    NOTICED,
+    MIN_LOAD_REDUCTION,
     ChangeSums,
     Pieces,
     cut,
@@ -35,17 +35,17 @@ from .moment import (
     search,
     sums,
 )
-from .weigh import CERTAIN, LoadMoment, Payload, changes, weigh
+from .weigh import CERTAIN_MASS_DEVIATIONS, LoadMoment, Payload, changes, weigh
 
 ROLES = ("recording, without the load", "recording, with the load")
-WITHIN = "recording, in which the load is picked up"
-ROUNDS = 3  # of noise and moments
-FINER = 3.0  # [1] cut-off for the moment over that for the load
-AROUND = 4.0  # [s] rows on either side of the plausible moments
-LEAST = 0.5  # [s] on either side of a moment that is left out: gripping and lifting
-SURE = 2.0  # [standard deviations] of the moment, the same
-ALWAYS = 1e300  # [s] beyond every recording
-RANK = 1e-8  # [1] smallest singular value of the load's columns, over the largest
+WITHIN_ROLE = "recording, in which the load is picked up"
+NOISE_ROUNDS_OF_MOMENT = 3  # of noise and moments
+MOMENT_CUTOFF_RATIO = 3.0  # [1] cut-off for the moment over that for the load
+MOMENT_REACH = 4.0  # [s] rows on either side of the plausible moments
+MIN_HANDLING_TIME = 0.5  # [s] on either side of a moment that is left out: gripping and lifting
+HANDLING_DEVIATIONS = 2.0  # [standard deviations] of the moment, the same
+BEYOND_RECORDINGS = 1e300  # [s] beyond every recording
+LOAD_RANK_TOLERANCE = 1e-8  # [1] smallest singular value of the load's columns, over the largest
 
 
 @typed
@@ -92,7 +92,7 @@ def payload(
         _check_signs(without)
         session = prepare(robot, without, without, options)
         bare = _bare(model, session.robot)
-        return replace(weigh_within(session, _inputs((without, WITHIN)), progress), bare=bare)
+        return replace(weigh_within(session, _inputs((without, WITHIN_ROLE)), progress), bare=bare)
     carrying = as_recordings(carrying, robot, "payload")
     both = [*without, *carrying]
     _check(without, carrying)
@@ -185,7 +185,7 @@ def weigh_within(session: Session, inputs: tuple[Input, ...], progress: Progress
         where = _times(moments, start)
         return _nothing(session, inputs, f"{where}, but too little motion is left on one side; record for longer")
     mass, std = found.mass
-    if np.isfinite(std) and not mass > CERTAIN * std:
+    if np.isfinite(std) and not mass > CERTAIN_MASS_DEVIATIONS * std:
         return _nothing(session, inputs, f"{_times(moments, start)} with a mass of {mass:.2g} ± {1.96 * std:.2g} kg")
     return replace(found, moments=moments)
 
@@ -201,7 +201,7 @@ def _find(session: Session, parts: Sequence[Part]) -> _Change | None:
     friction, sizes = changes(base, whole, factors)
     pieces = cut(session, parts, piece_rows(session, parts))
     noise, inflated, low, high = whole.noise, 1.0, 0, 0
-    for _ in range(ROUNDS):
+    for _ in range(NOISE_ROUNDS_OF_MOMENT):
         known = sums(pieces, noise, columns, friction, sizes)
         low, high = search(known, pieces, inflated)
         if high == 0:
@@ -223,7 +223,7 @@ def _load_columns(columns: Array) -> tuple[Array, Array]:
     """Independent columns (b, r) of a load, and the inertial parameters (10, r) of each."""
     size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     left, s, right = np.linalg.svd(columns / size, full_matrices=False)
-    kept = s > RANK * s[0]
+    kept = s > LOAD_RANK_TOLERANCE * s[0]
     return left[:, kept] * s[kept], right[kept].T / size[:, None]
 
 
@@ -231,8 +231,8 @@ def _refuted(change: _Change | None, session: Session, start: float) -> str:
     """Why there is no load; "" if there is one."""
     if change is None:
         return "the recording is too short to have parts without and with a load"
-    if change.gain <= NOTICED:
-        return f"no load explains the torque better (evidence {change.gain:.3g}, needed {NOTICED:g})"
+    if change.gain <= MIN_LOAD_REDUCTION:
+        return f"no load explains the torque better (evidence {change.gain:.3g}, needed {MIN_LOAD_REDUCTION:g})"
     if change.other is not None:
         k = change.low or change.high
         name = session.robot.joints[change.other[0]]
@@ -278,7 +278,7 @@ def _refined(session: Session, parts: Sequence[Part], change: _Change, k: int, b
     first, last = (change.low, len(change.pieces.start)) if not begins else (0, change.high)
     coarse = change.pieces.part(first, last)
     earliest, latest = plausible(coarse, edge_scores(coarse, change.noise, *bases, change.inflated))
-    edge, around = float(change.pieces.edges[k]), (earliest - AROUND, latest + AROUND)
+    edge, around = float(change.pieces.edges[k]), (earliest - MOMENT_REACH, latest + MOMENT_REACH)
     for there in (_finer(session, parts), session):
         near = tuple((recording, between(sampling, [around])) for recording, sampling in parts)
         try:
@@ -294,7 +294,7 @@ def _refined(session: Session, parts: Sequence[Part], change: _Change, k: int, b
 def _finer(session: Session, parts: Sequence[Part]) -> Session:
     """The same recording with a higher cut-off, whose filter is shorter."""
     band = session.task.band
-    cutoff = min(FINER * band.cutoff, band.rate / 8)
+    cutoff = min(MOMENT_CUTOFF_RATIO * band.cutoff, band.rate / 8)
     given = [recording for recording, _ in parts]
     try:
         return prepare(session.robot, given, given, replace(session.options, cutoff=cutoff))
@@ -315,8 +315,9 @@ def _noise(fine: Pieces, bases: tuple[Array, Array], edge: float) -> Array:
 
 def _intervals(change: _Change, moments: Sequence[LoadMoment]) -> tuple[list[tuple[float, float]], ...]:
     """Intervals [s] without the load, and with it, away from the moments."""
-    first, last = -ALWAYS, ALWAYS
-    edges = [(first, first), *((m.t - max(LEAST, SURE * m.std), m.t + max(LEAST, SURE * m.std)) for m in moments)]
+    first, last = -BEYOND_RECORDINGS, BEYOND_RECORDINGS
+    handling = ((m.t, max(MIN_HANDLING_TIME, HANDLING_DEVIATIONS * m.std)) for m in moments)
+    edges = [(first, first), *((t - half, t + half) for t, half in handling)]
     spans = [(a[1], b[0]) for a, b in zip(edges, [*edges[1:], (last, last)], strict=True)]
     carried = not moments[0].picked_up
     sides: tuple[list[tuple[float, float]], ...] = ([], [])

@@ -37,13 +37,13 @@ from .carried import Load, with_payload
 
 # [1] standard deviation of the change of friction and offsets between recordings: share of the coefficient, and of the
 # joint's rms torque; the larger one counts
-CHANGE, LITTLE = 0.1, 0.01
-RADIUS, LIGHT, FAR = 0.05, 0.05, 0.3  # prior load: radius of gyration [m], least mass [kg], farthest centre [m]
-SMALL = 1e-9  # [1] smallest eigenvalue of a correlation matrix that is not positive
-RANK = 1e-8  # [1] smallest singular value of an identifiable direction, over the largest, columns scaled
-CERTAIN = 3.0  # standard deviations above which a mass is certain
-CONSTANT = 0.03  # relative standard deviation of a torque constant: a magnet loses a tenth of a per cent per kelvin
-DRIFT, MISFIT = 3.0, 10.0  # [1] changes of friction and misfit, in usual sizes, above which a note is given
+FRICTION_CHANGE_SHARE, TORQUE_CHANGE_SHARE = 0.1, 0.01
+PRIOR_GYRATION_RADIUS, PRIOR_MIN_MASS, PRIOR_MAX_DISTANCE = 0.05, 0.05, 0.3  # [m, kg, m] of the load
+MIN_CORRELATION_EIGENVALUE = 1e-9  # [1] smallest eigenvalue of a correlation matrix that is not positive
+DIRECTION_RANK_TOLERANCE = 1e-8  # [1] smallest singular value over the largest, columns scaled
+CERTAIN_MASS_DEVIATIONS = 3.0  # standard deviations above which a mass is certain
+TORQUE_CONSTANT_STD = 0.03  # [1] relative: a magnet loses a tenth of a per cent per kelvin
+DRIFT_NOTE_RATIO, MISFIT_NOTE_RATIO = 3.0, 10.0  # [1] changes of friction and misfit over their usual sizes
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,10 +71,10 @@ class Difference(Frozen):
         labels = tuple(Label(f"{name}_load", unit, body=0) for name, unit in names)
         sees = np.ones((1, b), bool)
         alone = BaseMap(labels, np.zeros(b, int), self.columns, ("",) * b, ("",) * b, sees, np.ones(1), 1.0)
-        mass = max(float(self.load[0]), LIGHT)
+        mass = max(float(self.load[0]), PRIOR_MIN_MASS)
         centre = self.load[1:4] / mass
-        centre = centre * min(1.0, FAR / max(float(np.linalg.norm(centre)), 1e-9))
-        turn = mass * (RADIUS**2 * np.eye(3) + centre @ centre * np.eye(3) - np.outer(centre, centre))
+        centre = centre * min(1.0, PRIOR_MAX_DISTANCE / max(float(np.linalg.norm(centre)), 1e-9))
+        turn = mass * (PRIOR_GYRATION_RADIUS**2 * np.eye(3) + centre @ centre * np.eye(3) - np.outer(centre, centre))
         values = [mass, *(mass * centre), *turn[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]]
         return fit_consistent(alone, self.estimate, Parameters(labels, np.array(values)))
 
@@ -117,7 +117,7 @@ def _positive(covariance: Array) -> Array:
     values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
     if values[0] > 0:
         return covariance
-    wide = (vectors * np.maximum(np.abs(values), SMALL)) @ vectors.T
+    wide = (vectors * np.maximum(np.abs(values), MIN_CORRELATION_EIGENVALUE)) @ vectors.T
     return np.asarray((wide + wide.T) / 2 * np.outer(size, size))
 
 
@@ -126,7 +126,7 @@ def _solve(columns: Array) -> tuple[Array, Array, int]:
     size = np.linalg.norm(columns, axis=0)
     size = np.where(size > 1e-300, size, np.inf)  # a column of zeros has no information
     left, s, right = np.linalg.svd(columns / size, full_matrices=False)
-    kept = s > RANK * s[0]
+    kept = s > DIRECTION_RANK_TOLERANCE * s[0]
     inverse = (right[kept].T / s[kept]) / size[:, None]
     spread = inverse @ inverse.T
     lost = (np.sum(right[~kept] ** 2, axis=0) > 1e-8) | np.isinf(size)
@@ -145,7 +145,7 @@ def changes(base: BaseMap, bare: Estimate, factors: Factors) -> tuple[Array, Arr
             own = abs(bare.value[place[k]]) if k in place else 0.0
             natural = torque[label.joint] / (max(speed[label.joint], 0.05) if ".s/" in label.unit else 1.0)
             which.append(k)
-            sizes.append(max(CHANGE * own, LITTLE * natural))
+            sizes.append(max(FRICTION_CHANGE_SHARE * own, TORQUE_CHANGE_SHARE * natural))
     return base.combination[:, which], np.array(sizes)
 
 
@@ -197,7 +197,7 @@ def _beyond_noise(
     for one, own in zip(found, factors, strict=True):
         total += np.nan_to_num(estimate(own, base, prior, whiten).covariance - one.covariance, nan=0.0)
         turns.append(constant_sensitivity(one, own, base, currents, whiten))
-    apart = CONSTANT * (turns[1] - turns[0])
+    apart = TORQUE_CONSTANT_STD * (turns[1] - turns[0])
     return np.asarray(total + apart @ apart.T)
 
 
@@ -205,7 +205,7 @@ def _flags(difference: Difference, unidentifiable: Sequence[str]) -> tuple[str, 
     what = " and the ".join(unidentifiable)
     flags = [f"the {what} of a load is not identifiable from these recordings"] if unidentifiable else []
     mass, std = float(difference.load[0]), float(np.sqrt(difference.spread[0, 0]))
-    if np.isfinite(std) and mass < CERTAIN * std:
+    if np.isfinite(std) and mass < CERTAIN_MASS_DEVIATIONS * std:
         flags.append(
             f"no load is certain: the difference has a mass of {mass:.2g} kg, with a standard deviation of {std:.2g} kg"
         )
@@ -214,12 +214,12 @@ def _flags(difference: Difference, unidentifiable: Sequence[str]) -> tuple[str, 
 
 def _notes(difference: Difference) -> list[str]:
     notes = []
-    if difference.misfit > MISFIT:
+    if difference.misfit > MISFIT_NOTE_RATIO:
         notes.append(
             f"the misfit beside the load is {difference.misfit:.0f} times the variance of noise: intervals are "
             f"{np.sqrt(difference.misfit):.1f} times wider"
         )
-    if difference.drifted > DRIFT:
+    if difference.drifted > DRIFT_NOTE_RATIO:
         notes.append(f"friction or an offset changed by {difference.drifted:.1f} times what is usual from day to day")
     return notes
 

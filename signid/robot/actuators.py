@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import RobotError
-from ..servos import WORDS, number_fault
+from ..servos import CHOICES, number_fault
 from ..toml_json import read_toml
 from ..types import Actuators, Array, Robot
 from .joints import find_joint
@@ -96,12 +96,12 @@ def _servo_numbers(name: str, table: object) -> ServoNumbers:
             raise RobotError(f"[{where}] has the unknown key {key!r}; {advice}")
         if value == UNKNOWN_NUMBER:
             continue
-        found[key] = _word(where, key, value) if key in WORDS else _size(where, key, value)
+        found[key] = _word(where, key, value) if key in CHOICES else _size(where, key, value)
     return found
 
 
 def _word(where: str, key: str, value: object) -> str:
-    known = WORDS[key]
+    known = CHOICES[key]
     if isinstance(value, str) and value in known:
         return value
     close = get_close_matches(value, known, 1) if isinstance(value, str) else []

@@ -10,13 +10,13 @@ from typing import Any, NamedTuple, TypeVar
 
 from ..errors import OptionError, shorten
 from ..robot.joints import find_joint
-from ..servos import LARGEST, LIMITS, PASSIVE, SERVO_NUMBERS, SERVO_UNITS, SMALLEST, Servo, number_fault
+from ..servos import LIMIT_KEYS, MAX_NUMBER, MIN_NUMBER, PASSIVE_LAWS, SERVO_NUMBERS, SERVO_UNITS, Servo, number_fault
 from ..types import Robot
 
 KNOWN = ("masses", "kp", "nothing")
 MASSES_ERROR = 0.1  # [1] standard deviation of the described masses over them, where nothing else is said
 PLUS_MINUS = r"\+-|±|\+/-"
-POSITIVE = ("kp", *LIMITS)  # numbers that cannot be zero
+POSITIVE = ("kp", *LIMIT_KEYS)  # numbers that cannot be zero
 EXAMPLES = {"known": "kp=20", "prior": "armature=.01+-.005", "bounds": "kp=5..30"}
 T = TypeVar("T")
 STALLED = ("duty", "torque_speed")  # laws whose limit is the stall torque
@@ -202,7 +202,7 @@ def _prior(entry: _Entry) -> Prior:
     mean, std = _pair(entry, PLUS_MINUS)
     if fault := number_fault(entry.number, mean, entry.number in POSITIVE):
         raise entry.wrong(f"{fault} as the mean")
-    if not SMALLEST <= std <= LARGEST:
+    if not MIN_NUMBER <= std <= MAX_NUMBER:
         raise entry.wrong("expected a positive standard deviation after +-")
     return Prior(mean, std)
 
@@ -232,7 +232,7 @@ def _float(text: str) -> float:
 def stated_servos(robot: Robot) -> dict[str, Servo]:
     """Drives by joint whose kp the actuators file states; what it leaves out is ideal: no delay, no limit.
 
-    Numbers of PASSIVE are left out, since they are laws of the model of the robot, stated or identified.
+    Numbers of PASSIVE_LAWS are left out, since they are laws of the model of the robot, stated or identified.
     """
     return {
         joint: stated_servo(robot, joint)
@@ -244,7 +244,7 @@ def stated_servos(robot: Robot) -> dict[str, Servo]:
 def stated_servo(robot: Robot, joint: str) -> Servo:
     """Drive of a joint with the numbers that the actuators file states, defaults elsewhere."""
     stated = robot.servo.get(joint, {})
-    own = [name for name in (*SERVO_NUMBERS, "kp_register") if name in stated and name not in PASSIVE]
+    own = [name for name in (*SERVO_NUMBERS, "kp_register") if name in stated and name not in PASSIVE_LAWS]
     numbers: dict[str, Any] = {name: float(stated[name]) for name in own}
     numbers |= {key: str(stated[key]) for key in ("law", "kd_on") if key in stated}
     if "stall_torque" in stated and numbers.get("law", "effort") in STALLED:

@@ -14,7 +14,7 @@ from ..errors import OptionError, RecordingError, shorten
 from ..model import Model, ModelSource, as_model, command_model, with_servos
 from ..recording import as_recording
 from ..recording.source import Source
-from ..servos import JOINT_LAWS, PASSIVE, SERVO_NUMBERS, Servo, ServoGrid
+from ..servos import JOINT_LAWS, PASSIVE_LAWS, SERVO_NUMBERS, Servo, ServoGrid
 from ..simulation.plant import Sensors, record_held
 from ..simulation.rollout.run import restrict_joints
 from ..typed import typed
@@ -80,7 +80,7 @@ def simulate_servos(
         commands = as_recording(commands, model.robot, "simulate_servos")
     grid, model, notes = _grid(model, commands)
     servos = _injected(model.robot, dict(model.servos), inject, numbers or {})
-    bodies = tuple(law for law in inject if isinstance(law.effect, BodyLaw) and law.effect.name not in PASSIVE)
+    bodies = tuple(law for law in inject if isinstance(law.effect, BodyLaw) and law.effect.name not in PASSIVE_LAWS)
     model = with_servos(replace(model, laws=(*model.laws, *bodies)), servos, complete=True)
     with np.errstate(all="ignore"):
         q = roll_out(model, servos, grid)
@@ -144,11 +144,11 @@ def _injected(
     """Drives with the laws added to their numbers, and with other numbers."""
     for law in laws:
         name = law.effect.name
-        if name not in (*PASSIVE, *JOINT_LAWS) and not isinstance(law.effect, DriveLaw):
+        if name not in (*PASSIVE_LAWS, *JOINT_LAWS) and not isinstance(law.effect, DriveLaw):
             if isinstance(law.effect, BodyLaw):
                 continue
             own = "; the friction of a drive by its motor torque is servo@JOINT:load_friction=0.1" * ("load_" in name)
-            known = ", ".join((*PASSIVE, *JOINT_LAWS))
+            known = ", ".join((*PASSIVE_LAWS, *JOINT_LAWS))
             raise OptionError(f"--servo cannot inject {name}; choose laws of bodies or drives, or {known}{own}")
         for j in law.joints:
             if (joint := robot.joints[j]) not in servos:

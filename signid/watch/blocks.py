@@ -9,9 +9,9 @@ import numpy as np
 from ..types import Array, Indices
 from .intake import StreamRows, mean_step
 
-HALF = 0.008  # [s] half of the window of the velocity: a local line; the delay of the observer
-BLOCK = 0.002  # [s] shortest block
-FIRST = 20  # rows that give the sampling period
+VELOCITY_HALF_WINDOW = 0.008  # [s] half of the window of the velocity: a local line; the delay of the observer
+MIN_BLOCK_TIME = 0.002  # [s] shortest block
+PERIOD_ROWS = 20  # rows that give the sampling period
 
 
 class Blocks(NamedTuple):
@@ -44,10 +44,10 @@ class Cutter:
         """Append rows; the blocks that are complete, or None."""
         self.rows = rows = rows if self.rows is None else self.rows.then(rows)
         if not self.half:
-            if len(rows.t) < FIRST:
+            if len(rows.t) < PERIOD_ROWS:
                 return None
             period = mean_step(np.diff(rows.t))
-            self.half, self.every = max(1, round(HALF / period)), max(1, round(BLOCK / period))
+            self.half, self.every = max(1, round(VELOCITY_HALF_WINDOW / period)), max(1, round(MIN_BLOCK_TIME / period))
             self.at = self.half
         edges = np.arange(self.at, len(rows.t) - self.half, self.every)
         if len(edges) < 2:

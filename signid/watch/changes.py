@@ -10,28 +10,28 @@ from ..effects import EFFECTS
 from ..effects.bodies import point_inertia
 from ..model import Model
 from ..types import Array
-from .frames import INERTIAL, LOCAL, PAYLOAD, Frames
+from .frames import JOINT_COLUMNS, LINK_COLUMNS, PAYLOAD_COLUMNS, Frames
 from .intake import LastingChange
 from .quiet import QuietNoise
-from .windows import FRICTION, TIP, Sums, Suspect, Window, effect, gain, products
+from .windows import FRICTION_PAIR, TIP_JOINT, Sums, Suspect, Window, effect, gain, products
 
-MEMORIES = (4.0, 60.0)  # [s] of the windows: sudden changes, and slow ones
-EVERY = 0.5  # [s] between tests
-NOTICED = {1: 45.0, 2: 50.0, 4: 60.0}  # [1] by number of coefficients: chi-squared, once in 1e9 tests of noise
-SHORTEST, LONGEST = 3.0, 20.0  # [s] of frames that name a change
-DIFFERENT = 1.25  # [1] of the thresholds of a joint after a change: its friction, say, depends on the load
-MORE = 6.0  # [s] of further frames that make its numbers more certain
-GIVEN_UP = 8.0  # [s] after which a change that is not there any more is dropped
-SURE = 0.95  # [1] probability of a law that is named
-EXPLAINED = 0.6  # [1] share of the excess that a named law explains
-SETTLED = 5.0  # [standard deviations] of the main number
-PIECE = 1.0  # [s] of the pieces of the frames after a change
-OFTEN = 0.6  # [1] share of pieces with excess with the residual of a law that make it a lasting one
-ACTING = 9.0  # [1] squared torque of a law in a piece, over the noise, from which it acts there
-FEWEST = 3  # pieces that a law acts in
-NAMED = 1e-3  # [1] smallest probability of an alternative
-PRESENT = 2.0  # [1] squared residual of a piece with an unknown change, over that of noise and model
-ALWAYS = 0.8  # [1] share of such pieces that make the unknown change a lasting one
+WINDOW_DURATIONS = (4.0, 60.0)  # [s] of the windows: sudden changes, and slow ones
+TEST_INTERVAL = 0.5  # [s] between tests
+NOTICED_CHI2 = {1: 45.0, 2: 50.0, 4: 60.0}  # [1] by number of coefficients: chi-squared, once in 1e9 tests of noise
+MIN_NAMING_TIME, MAX_NAMING_TIME = 3.0, 20.0  # [s] of frames that name a change
+CHANGED_THRESHOLD_RATIO = 1.25  # [1] after a change of a joint: its friction, say, depends on the load
+REFINEMENT_TIME = 6.0  # [s] of further frames that make its numbers more certain
+GIVE_UP_TIME = 8.0  # [s] after which a change that is not there any more is dropped
+NAMED_LAW_PROBABILITY = 0.95  # [1] probability of a law that is named
+MIN_EXPLAINED_SHARE = 0.6  # [1] share of the excess that a named law explains
+SETTLED_DEVIATIONS = 5.0  # [standard deviations] of the main number
+PIECE_DURATION = 1.0  # [s] of the pieces of the frames after a change
+MIN_EXCESS_PIECES_SHARE = 0.6  # [1] share of pieces with excess with the residual of a law that make it a lasting one
+ACTING_CHI2 = 9.0  # [1] squared torque of a law in a piece, over the noise, from which it acts there
+MIN_ACTING_PIECES = 3  # pieces that a law acts in
+MIN_LISTED_PROBABILITY = 1e-3  # [1] smallest probability of an alternative
+UNKNOWN_CHANGE_RATIO = 2.0  # [1] squared residual of a piece with an unknown change, over that of noise and model
+MIN_UNKNOWN_PIECES_SHARE = 0.8  # [1] share of such pieces that make the unknown change a lasting one
 
 
 class Changes:
@@ -42,11 +42,11 @@ class Changes:
         n = len(model.robot.joints)
         self.base, self.first = noise.base.copy(), noise.base
         self.raised = np.ones(n)  # [1] of the thresholds, by unknown changes
-        self.load = np.zeros(INERTIAL)  # payload that was found last
-        self.carried = np.zeros(INERTIAL)  # all of it
+        self.load = np.zeros(LINK_COLUMNS)  # payload that was found last
+        self.carried = np.zeros(LINK_COLUMNS)  # all of it
         self.known: list[Suspect] = []
         self.first_named: tuple[Suspect, LastingChange] | None = None  # whose numbers more frames will correct
-        self.windows = [Window(n, memory) for memory in MEMORIES]
+        self.windows = [Window(n, memory) for memory in WINDOW_DURATIONS]
         self.after: Window | None = None  # frames since a change was noticed
         self.pieces: list[Array] = []  # sums of each second since then
         self.usual: list[Array] = []  # (n,) their squared residual without a change
@@ -69,7 +69,7 @@ class Changes:
         if self.after is not None:
             self._follow(sums, seconds)
         self.untested += seconds
-        if self.untested < EVERY:
+        if self.untested < TEST_INTERVAL:
             return []
         self.untested = 0.0
         if self.first_named is not None:
@@ -93,7 +93,7 @@ class Changes:
         self.piece.add(sums, seconds)
         self.since += seconds
         self.in_piece += seconds
-        if self.in_piece >= PIECE:
+        if self.in_piece >= PIECE_DURATION:
             self.pieces.append(self.piece.sums.copy())
             self.usual.append(np.maximum(self.piece.count + self.piece.model, 1.0))
             self.piece.restart()
@@ -102,7 +102,7 @@ class Changes:
     def _name(self, t: float) -> list[LastingChange]:
         """The change that the frames since it was noticed show, if the evidence suffices."""
         assert self.after is not None, "a change was noticed"
-        if self.since < SHORTEST:
+        if self.since < MIN_NAMING_TIME:
             return []
         found = self.after.candidates(self.noise)
         shares = _probabilities(found)
@@ -113,36 +113,36 @@ class Changes:
                 self._begin()
                 self.first_named = best, events[0]
                 return events
-        if self.since >= GIVEN_UP and not any(map(_noticed, found)):
+        if self.since >= GIVE_UP_TIME and not any(map(_noticed, found)):
             self._forget()
-        elif self.since >= LONGEST:
+        elif self.since >= MAX_NAMING_TIME:
             return self._unknown(t, found, shares)
         return []
 
     def _clear(self, best: Suspect, share: float) -> bool:
         """Whether a law is sure, its main number settled, and most of the excess explained."""
         assert self.after is not None, "a change was noticed"
-        settled = bool(np.abs(best.value[0]) > SETTLED * best.std[0]) or len(best.columns) == len(FRICTION)
-        return settled and share >= SURE and best.raw >= EXPLAINED * self.after.excess
+        settled = bool(abs(best.value[0]) > SETTLED_DEVIATIONS * best.std[0]) or len(best.columns) == len(FRICTION_PAIR)
+        return settled and share >= NAMED_LAW_PROBABILITY and best.raw >= MIN_EXPLAINED_SHARE * self.after.excess
 
     def _lasts(self, best: Suspect) -> bool:
         """Whether the law explains the residual in most pieces that it acts in, not in a single one."""
-        sums = [piece.sum(axis=0) if best.joint == TIP else piece[best.joint] for piece in self.pieces]
-        acting = [gain(x, best) > 0 for x in sums if effect(x, best) > ACTING]
-        return len(acting) >= FEWEST and float(np.mean(acting)) >= OFTEN
+        sums = [piece.sum(axis=0) if best.joint == TIP_JOINT else piece[best.joint] for piece in self.pieces]
+        acting = [gain(x, best) > 0 for x in sums if effect(x, best) > ACTING_CHI2]
+        return len(acting) >= MIN_ACTING_PIECES and float(np.mean(acting)) >= MIN_EXCESS_PIECES_SHARE
 
     def _add(self, best: Suspect) -> None:
         """Add a change to the coefficients that are known."""
         self.known.append(best)
-        if best.joint == TIP:
+        if best.joint == TIP_JOINT:
             self._loaded(best.value)
-            self.raised = np.maximum(self.raised, DIFFERENT)
+            self.raised = np.maximum(self.raised, CHANGED_THRESHOLD_RATIO)
         else:
             self.base[best.joint, list(best.columns)] += best.value
-            self.raised[best.joint] = max(self.raised[best.joint], DIFFERENT)
+            self.raised[best.joint] = max(self.raised[best.joint], CHANGED_THRESHOLD_RATIO)
 
     def _loaded(self, more: Array) -> None:
-        self.load = np.zeros(INERTIAL)
+        self.load = np.zeros(LINK_COLUMNS)
         self.load[: len(more)] = more
         self.carried += self.load
 
@@ -150,21 +150,21 @@ class Changes:
         """The change that was named, with numbers that further frames make more certain."""
         assert self.after is not None and self.first_named is not None, "a change was named"
         best, event = self.first_named
-        if self.since < MORE:
+        if self.since < REFINEMENT_TIME:
             return []
         more, covariance = self.after.narrowed(best, self.noise)
         value = best.value.copy()
         value[: len(more)] += more
-        if best.joint == TIP and value[0] > 0 and len(value) == INERTIAL:
+        if best.joint == TIP_JOINT and value[0] > 0 and len(value) == LINK_COLUMNS:
             value[len(more) :] = point_inertia(float(value[0]), value[1 : len(more)].tolist())
         self.known[-1] = better = best._replace(value=value, covariance=covariance)
         self._forget()
         beside = dict(event.alternatives)
-        if best.joint == TIP:
+        if best.joint == TIP_JOINT:
             self._loaded(value - best.value)
             return [replace(self._payload(t, better, event.probability, beside), corrects=event.t)]
         self.base[best.joint, list(best.columns)] -= best.value
-        k = next(i for i, column in enumerate(best.columns) if LOCAL[column] == event.law)
+        k = next(i for i, column in enumerate(best.columns) if JOINT_COLUMNS[column] == event.law)
         corrected = self._local(t, better, k, event.probability, beside)
         self.base[best.joint, list(best.columns)] += value
         return [replace(corrected, corrects=event.t)]
@@ -174,7 +174,7 @@ class Changes:
         variance = np.zeros(len(self.noise.frame))
         for one in self.known:
             c = list(one.columns[: len(one.covariance)])
-            at = slice(None) if one.joint == TIP else slice(one.joint, one.joint + 1)
+            at = slice(None) if one.joint == TIP_JOINT else slice(one.joint, one.joint + 1)
             columns = frames.columns[-1, at][:, c]
             variance[at] += np.einsum("nk,kl,nl->n", columns, one.covariance, columns)
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
@@ -188,7 +188,7 @@ class Changes:
         """A lasting excess that no law explains; it becomes part of what is known and of the noise."""
         assert self.after is not None, "a change was noticed"
         power = np.array([piece[:, -1, -1] for piece in self.pieces])
-        lasting = np.mean(power > PRESENT * np.array(self.usual), axis=0) >= ALWAYS
+        lasting = np.mean(power > UNKNOWN_CHANGE_RATIO * np.array(self.usual), axis=0) >= MIN_UNKNOWN_PIECES_SHARE
         if not lasting.any():
             self._forget()
             return []
@@ -210,23 +210,23 @@ class Changes:
         best, share = found[k], _share(found[k], found, shares)
         others = [(one, p) for one, p in zip(found, shares, strict=True) if not set(one.columns) & set(best.columns)]
         beside = self._alternatives([one for one, _ in others], [p for _, p in others])
-        if best.joint == TIP:
+        if best.joint == TIP_JOINT:
             return [self._payload(t, best, share, beside)]
         assert self.after is not None, "a change was noticed"
         power = np.diag(self.after.sums[best.joint])[list(best.columns)] * best.value**2
         order = np.argsort(-power).tolist()  # the larger torque first
-        settled = [i for i in order if abs(best.value[i]) > SETTLED * best.std[i]]
+        settled = [i for i in order if abs(best.value[i]) > SETTLED_DEVIATIONS * best.std[i]]
         return [self._local(t, best, i, share, beside) for i in settled or order[:1]]
 
     def _payload(self, t: float, best: Suspect, probability: float, others: dict[str, float]) -> LastingChange:
-        values = dict(zip(PAYLOAD, map(float, best.value), strict=False))
-        stds = dict(zip(PAYLOAD, map(float, best.std), strict=False))
+        values = dict(zip(PAYLOAD_COLUMNS, map(float, best.value), strict=False))
+        stds = dict(zip(PAYLOAD_COLUMNS, map(float, best.std), strict=False))
         mass, size = values["mass"], f"{abs(values['mass']):.3g} ± {1.96 * stds['mass']:.2g} kg"
         what = f"a payload of {size}" if mass > 0 else f"a load of {size} is gone"
         return LastingChange(t, "payload", self.robot.joints[-1], values, stds, probability, what, others)
 
     def _local(self, t: float, best: Suspect, k: int, probability: float, others: dict[str, float]) -> LastingChange:
-        name = LOCAL[best.columns[k]]
+        name = JOINT_COLUMNS[best.columns[k]]
         joint = self.robot.joints[best.joint]
         [(key, kind)] = EFFECTS[name].linear().items()
         unit = kind.unit_at(bool(self.robot.prismatic[best.joint]))
@@ -238,19 +238,19 @@ class Changes:
 
     def _alternatives(self, found: list[Suspect], shares: list[float]) -> dict[str, float]:
         """The next likely laws by name, with their probability."""
-        return {self._label(one): p for one, p in list(zip(found, shares, strict=True))[:3] if p > NAMED}
+        return {self._label(s): p for s, p in list(zip(found, shares, strict=True))[:3] if p > MIN_LISTED_PROBABILITY}
 
     def _label(self, one: Suspect) -> str:
-        if one.joint == TIP:
+        if one.joint == TIP_JOINT:
             return "payload"
-        return f"{' and '.join(LOCAL[k] for k in one.columns)} of {self.robot.joints[one.joint]}"
+        return f"{' and '.join(JOINT_COLUMNS[k] for k in one.columns)} of {self.robot.joints[one.joint]}"
 
     def _unit(self, joint: int) -> str:
         return "N" if self.robot.prismatic[joint] else "N.m"
 
 
 def _noticed(one: Suspect) -> bool:
-    return one.gain > NOTICED[min(len(one.columns), len(PAYLOAD))]
+    return one.gain > NOTICED_CHI2[min(len(one.columns), len(PAYLOAD_COLUMNS))]
 
 
 def _share(best: Suspect, found: list[Suspect], shares: list[float]) -> float:

@@ -11,12 +11,12 @@ from ..robot.dynamics import own_body
 from ..types import Array
 from .observer import Momentum, Residual
 
-FRAME = 0.02  # [s] duration of a frame
-LOCAL = ("viscous_friction", "coulomb_friction", "torque_gain", "torque_offset")  # columns of a joint, then the payload
-PAYLOAD = ("mass", "first_moment_x", "first_moment_y", "first_moment_z")
-INERTIAL = 10  # columns of the last link: PAYLOAD, then its inertia
-COLUMNS = len(LOCAL) + INERTIAL
-UNKNOWN = 1.0  # [1] error over value of a base parameter that the identification could not see
+FRAME_DURATION = 0.02  # [s] duration of a frame
+JOINT_COLUMNS = ("viscous_friction", "coulomb_friction", "torque_gain", "torque_offset")  # then the payload
+PAYLOAD_COLUMNS = ("mass", "first_moment_x", "first_moment_y", "first_moment_z")
+LINK_COLUMNS = 10  # columns of the last link: PAYLOAD_COLUMNS, then its inertia
+FRAME_COLUMNS = len(JOINT_COLUMNS) + LINK_COLUMNS
+UNSEEN_ERROR_RATIO = 1.0  # [1] error over value of a base parameter that the identification could not see
 
 
 class Frames(NamedTuple):
@@ -24,7 +24,7 @@ class Frames(NamedTuple):
 
     t: Array  # (F,) [s] end of each frame
     residual: Array  # (F, n) [N.m or N]
-    columns: Array  # (F, n, 14) [N.m or N per unit]: LOCAL, then those of the last link
+    columns: Array  # (F, n, 14) [N.m or N per unit]: JOINT_COLUMNS, then those of the last link
     usable: Array  # (F, n) [1] False where the direction of friction is uncertain
     moving: Array  # (F, n) [1] whether it is faster than that
     errors: Array  # (F, n, b) [N.m or N] of the predicted torque by each error of the model of one standard deviation
@@ -59,8 +59,8 @@ class Framer:
         motion = found.motion
         n = motion.q.shape[1]
         if not self.blocks:
-            step = float(np.diff(motion.t).mean()) if len(motion.t) > 1 else FRAME
-            self.blocks = max(1, round(FRAME / max(step, 1e-9)))
+            step = float(np.diff(motion.t).mean()) if len(motion.t) > 1 else FRAME_DURATION
+            self.blocks = max(1, round(FRAME_DURATION / max(step, 1e-9)))
         signals = (motion.q, motion.v, motion.a, motion.direction, found.predicted, found.residual, found.near)
         table = np.column_stack([motion.t, *signals])
         if self.waiting:
@@ -73,10 +73,10 @@ class Framer:
         mean = whole.mean(axis=1)
         q, v, a, direction, predicted, residual, near = np.split(mean[:, 1:], 7, axis=1)
         bodies = self.momentum.regressor(q, v, a)
-        columns = np.empty((count, n, COLUMNS))
+        columns = np.empty((count, n, FRAME_COLUMNS))
         for k, signal in enumerate((v, direction, predicted, np.ones_like(v))):
             columns[:, :, k] = signal
-        columns[:, :, len(LOCAL) :] = bodies[:, :, self.tip]
+        columns[:, :, len(JOINT_COLUMNS) :] = bodies[:, :, self.tip]
         errors = self._errors(bodies, v, direction)
         std = np.linalg.norm(errors, axis=2)
         moving = np.abs(v) > self.momentum.slow
@@ -99,7 +99,7 @@ def _factor(model: Model) -> tuple[Array, list[tuple[list[int], Array]]]:
     matrix = np.array(known.matrix)
     lost = ~np.isfinite(np.diag(matrix))
     matrix[lost, :] = matrix[:, lost] = 0.0
-    matrix[lost, lost] = (UNKNOWN * known.values[lost]) ** 2
+    matrix[lost, lost] = (UNSEEN_ERROR_RATIO * known.values[lost]) ** 2
     size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     values, vectors = np.linalg.eigh(matrix / np.outer(size, size))
     root = size[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))

@@ -12,19 +12,19 @@ from ..errors import OptionError, RecordingError
 from ..recording.sampling.clock import likely_unit
 from ..types import Array, Indices, Mask, Robot
 
-SHORTEST = 1e-6  # [s] period below which a stamp counts as repeated; no log is faster
-SLOWEST, LATEST = 0.03, 0.25  # [s] period above which a stream is too slow, and from which on t is not in seconds
-LONGEST = 0.1  # [s] time without rows that is noted; slower streams: `PERIODS`
-PERIODS = 8.0  # [1] the same, in sampling periods
-LOST, LEAST = 3.5, 0.008  # [1], [s] time without rows after which the state is reset: in usual steps, and the least
-HELD = 1.0  # [s] for which rows that repeat the last one are left out; a robot stands still for longer
-USUAL, FIRST = 90, 20  # [%] of the first steps that are at most as long as the usual one; number of these steps
-FAST = 3.0  # [1] speed over the velocity limit that is a jump of the position, not a motion
-FASTEST = 100.0  # [rad/s or m/s] the same for a joint without a limit
-LARGEST = 1e9  # [SI units] magnitude of a position, velocity or torque; beyond it a row is damaged; heuristic
-AGAIN = 10.0  # [s] time after which a note of the same kind is repeated
-SCHEMA = "signid.watch/1"
-DIGITS = 6  # significant digits of a number in a line
+MIN_STAMP_PERIOD = 1e-6  # [s] period below which a stamp counts as repeated; no log is faster
+MAX_STREAM_PERIOD, MAX_SECONDS_PERIOD = 0.03, 0.25  # [s] of a stream that is not too slow; of t in seconds
+NOTED_GAP = 0.1  # [s] time without rows that is noted; slower streams: `NOTED_GAP_PERIODS`
+NOTED_GAP_PERIODS = 8.0  # [1] the same, in sampling periods
+RESET_GAP_STEPS, MIN_RESET_GAP = 3.5, 0.008  # [usual steps], [s] without rows after which the state is reset
+MAX_HELD_TIME = 1.0  # [s] for which rows that repeat the last one are left out; a robot stands still for longer
+USUAL_STEP_PERCENTILE, FIRST_STEPS = 90, 20  # [%] of the first steps that are no longer than the usual one
+JUMP_SPEED_RATIO = 3.0  # [1] speed over the velocity limit that is a jump of the position, not a motion
+JUMP_SPEED = 100.0  # [rad/s or m/s] the same for a joint without a limit
+MAX_ROW_MAGNITUDE = 1e9  # [SI units] magnitude of a position, velocity or torque; beyond it a row is damaged; heuristic
+NOTE_INTERVAL = 10.0  # [s] time after which a note of the same kind is repeated
+WATCH_SCHEMA = "signid.watch/1"
+LINE_DIGITS = 6  # significant digits of a number in a line
 DECIMALS = 6  # of a time [s]
 
 
@@ -80,7 +80,7 @@ class Intake:
 
     def __init__(self, robot: Robot) -> None:
         limit = np.where(np.isfinite(robot.velocity_limit) & (robot.velocity_limit > 0), robot.velocity_limit, np.inf)
-        self.limit = np.where(np.isfinite(limit), FAST * limit, FASTEST)
+        self.limit = np.where(np.isfinite(limit), JUMP_SPEED_RATIO * limit, JUMP_SPEED)
         self.joints = robot.joints
         self.period = self.usual = np.nan
         self.steps: list[float] = []
@@ -97,7 +97,7 @@ class Intake:
         notes: list[Note] = []
         known = np.isfinite(rows.t)
         for signal in (rows.q, rows.tau, *(() if rows.dq is None else (rows.dq,))):
-            known &= (np.abs(signal) < LARGEST).all(axis=1)  # False for NaN
+            known &= (np.abs(signal) < MAX_ROW_MAGNITUDE).all(axis=1)  # False for NaN
         if not known.all():
             when = self.last.t[-1] if self.last is not None else 0.0
             notes += self._note("missing", float(when), "rows without a number in t, q or tau are left out")
@@ -107,7 +107,7 @@ class Intake:
         first = self.last is None
         before = rows.at(slice(0, 1)) if self.last is None else self.last
         step = np.diff(rows.t, prepend=before.t)
-        again = (step >= 0) & (step < SHORTEST)
+        again = (step >= 0) & (step < MIN_STAMP_PERIOD)
         again[:1] &= not first
         if again.any():
             notes += self._note("repeated", float(rows.t[again][0]), "rows with a repeated stamp are left out")
@@ -118,14 +118,14 @@ class Intake:
         step = np.diff(rows.t, prepend=before.t)
         if np.isnan(self.period):
             self.steps += step[step > 0].tolist()
-        if np.isnan(self.period) and len(self.steps) >= FIRST:
-            self.usual = float(np.percentile(self.steps, USUAL))
+        if np.isnan(self.period) and len(self.steps) >= FIRST_STEPS:
+            self.usual = float(np.percentile(self.steps, USUAL_STEP_PERCENTILE))
             self.period = mean_step(np.array(self.steps))
-            if self.period >= LATEST:
+            if self.period >= MAX_SECONDS_PERIOD:
                 unit = likely_unit(self.period)
                 fact = f"t steps by {self.period:.3g}, which cannot be seconds of a robot that is watched"
                 raise RecordingError(f"{fact}: it looks like {unit}; convert it, or state its unit in a column map")
-            if self.period > SLOWEST:
+            if self.period > MAX_STREAM_PERIOD:
                 slow = f"rows come at {1 / self.period:.3g} Hz, too slowly for contacts and fast motion"
                 notes += self._note("slow", float(rows.t[-1]), f"{slow}; give 50 Hz or more")
         cuts, more = self._cuts(rows, before, step)
@@ -143,14 +143,14 @@ class Intake:
         at = np.maximum.accumulate(np.where(same, -1, np.arange(len(same))))
         since = rows.t - np.where(at < 0, last.t[0], rows.t[np.maximum(at, 0)])
         self.held |= bool(same.any())
-        return rows.at(~(same & (since < HELD))) if same.any() else rows
+        return rows.at(~(same & (since < MAX_HELD_TIME))) if same.any() else rows
 
     def _cuts(self, rows: StreamRows, before: StreamRows, step: Array) -> tuple[Indices, list[Note]]:
         """Indices of rows that begin a new stretch."""
-        most = LONGEST if np.isnan(self.period) else max(LONGEST, PERIODS * self.period)
+        most = NOTED_GAP if np.isnan(self.period) else max(NOTED_GAP, NOTED_GAP_PERIODS * self.period)
         moved = np.abs(np.diff(rows.q, axis=0, prepend=before.q))
         late, back = step > most, step < 0
-        lost = step > (most if np.isnan(self.period) else min(most, max(LEAST, LOST * self.usual)))
+        lost = step > (most if np.isnan(self.period) else min(most, max(MIN_RESET_GAP, RESET_GAP_STEPS * self.usual)))
         near = np.maximum(np.abs(step), 0.0 if np.isnan(self.period) else self.period)[:, None]
         jumped = (moved > self.limit * near + 1e-12) & ~(late | back)[:, None]
         notes: list[Note] = []
@@ -168,7 +168,7 @@ class Intake:
         return np.flatnonzero(lost | back | jumped.any(axis=1)), notes
 
     def _note(self, kind: str, t: float, sentence: str) -> list[Note]:
-        if abs(t - self.noted.get(kind, -np.inf)) < AGAIN:
+        if abs(t - self.noted.get(kind, -np.inf)) < NOTE_INTERVAL:
             return []
         self.noted[kind] = t
         return [Note(t, sentence)]
@@ -176,7 +176,7 @@ class Intake:
 
 def mean_step(steps: Array) -> float:
     """Sampling period [s]: the mean step but for gaps, also where rows arrive in bursts; steps: (k,) [s]."""
-    return float(np.mean(steps[steps <= LOST * np.percentile(steps, USUAL)]))
+    return float(np.mean(steps[steps <= RESET_GAP_STEPS * np.percentile(steps, USUAL_STEP_PERCENTILE)]))
 
 
 def _pieces(rows: StreamRows, cuts: Indices, first: bool) -> Iterator[StreamPiece]:
@@ -195,7 +195,7 @@ class Event:
     def document(self) -> dict[str, Any]:
         """JSON object of the event, one line of the output."""
         own = {key: _plain(key, value) for key, value in vars(self).items()}
-        return {"schema": SCHEMA, "event": self.kind, **own}
+        return {"schema": WATCH_SCHEMA, "event": self.kind, **own}
 
 
 @dataclass(frozen=True)
@@ -243,5 +243,5 @@ def _plain(key: str, value: Any) -> Any:
     if isinstance(value, tuple):
         return [_plain("", x) for x in value]
     if isinstance(value, float):
-        return round(value, DECIMALS) if key in ("t", "start", "end", "corrects") else float(f"{value:.{DIGITS}g}")
+        return round(value, DECIMALS) if key in ("t", "start", "end", "corrects") else float(f"{value:.{LINE_DIGITS}g}")
     return value

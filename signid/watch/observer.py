@@ -17,14 +17,14 @@ from ..regression.motion import Motion
 from ..robot import configuration
 from ..robot.dynamics import own_body
 from ..types import Array, Law, Mask
-from .blocks import HALF, Blocks
+from .blocks import VELOCITY_HALF_WINDOW, Blocks
 
-GAIN = 50.0  # [1/s] of the observer: its residual follows a contact with a time constant of 20 ms
-RINGING = 0.15  # [s] for which a sudden change of torque is remembered: links and gears swing after it
-USUAL = ("viscous_friction", "coulomb_friction", "torque_offset")  # computed for all joints at once
-SLOWED = ("time_delay", "torque_lag")  # laws with a memory along time: not used
+OBSERVER_GAIN = 50.0  # [1/s] of the observer: its residual follows a contact with a time constant of 20 ms
+RINGING_TIME = 0.15  # [s] for which a sudden change of torque is remembered: links and gears swing after it
+COMMON_EFFECTS = ("viscous_friction", "coulomb_friction", "torque_offset")  # computed for all joints at once
+LAG_EFFECTS = ("time_delay", "torque_lag")  # laws with a memory along time: not used
 # friction of a joint that begins to creep, over that in motion: Armstrong-Helouvry et al., Automatica 30(7), 1994
-MORE, BELOW = 0.5, 3.0  # [1] how much larger it can be, and the multiple of the slow speed over which it fades
+CREEP_FRICTION_GROWTH, CREEP_SPEED_RATIO = 0.5, 3.0  # [1] its excess, and the multiple of the slow speed where it fades
 
 
 class Observed(NamedTuple):
@@ -65,12 +65,12 @@ class Observer:
         given = np.stack([found.residual, *signals, found.low, found.high, found.friction, predicted], axis=1)
         if self.empty:
             self.state[7:], self.empty = given[0, 7:], False
-        keep, count = float(np.exp(-GAIN * step)), len(given)
+        keep, count = float(np.exp(-OBSERVER_GAIN * step)), len(given)
         powers = np.power(keep, np.arange(1.0, count + 1.0))
         whole = lfilter([1 - keep], [1.0, -keep], given, axis=0) + powers[:, None, None] * self.state
         self.state = whole[-1]
-        fade = np.exp(-step / RINGING * np.arange(1.0, count + 1.0))[:, None]
-        rate = GAIN * np.abs(predicted - whole[:, 8])  # derivative of the filtered torque
+        fade = np.exp(-step / RINGING_TIME * np.arange(1.0, count + 1.0))[:, None]
+        rate = OBSERVER_GAIN * np.abs(predicted - whole[:, 8])  # derivative of the filtered torque
         rate = fade * np.maximum.accumulate(np.maximum(rate / fade, self.rate), axis=0)
         self.rate = rate[-1]
         return Observed(whole[:, 0], whole[:, 1:5], whole[:, 5], whole[:, 6], rate, whole[:, 7])
@@ -103,15 +103,15 @@ class Momentum:
         self.weightless = self.bodies.copy()
         self.weightless.gravity = pin.Motion.Zero()
         self.data, self.light = self.bodies.createData(), self.weightless.createData()
-        self.level = {name: np.zeros(len(self.robot.joints)) for name in USUAL}
+        self.level = {name: np.zeros(len(self.robot.joints)) for name in COMMON_EFFECTS}
         self.others: list[Law] = []
         self.ignored: list[str] = []
         recorded: list[Law] = []
         for law in model.laws:
             name = law.effect.name
-            if name in USUAL:
+            if name in COMMON_EFFECTS:
                 self.level[name][law.joints[0]] += law.effect.coefficients(law.parameters)[0]
-            elif isinstance(law.effect, TransmissionLaw) or name in SLOWED or getattr(law.effect, "memory", False):
+            elif isinstance(law.effect, TransmissionLaw) or name in LAG_EFFECTS or getattr(law.effect, "memory", False):
                 self.ignored.append(name)
             elif isinstance(law.effect, RecordingLaw):
                 recorded.append(law)
@@ -147,9 +147,9 @@ class Momentum:
         vars(motion)["load"] = rigid
         laws, reversing = self._laws(motion)
         predicted = rigid + acceleration @ self.rotors + laws
-        near = np.abs(v) < self.slow + HALF * np.abs(acceleration)
+        near = np.abs(v) < self.slow + VELOCITY_HALF_WINDOW * np.abs(acceleration)
         low, high = (np.where(near, side - motion.direction, 0.0) for side in (-1.0, 1.0))
-        more = MORE * np.abs(motion.direction) * np.exp(-np.abs(v) / (BELOW * self.slow))
+        more = CREEP_FRICTION_GROWTH * np.abs(motion.direction) * np.exp(-np.abs(v) / (CREEP_SPEED_RATIO * self.slow))
         friction = np.abs(self.level["viscous_friction"] * v) + reversing
         low, high = (low - more) * reversing, (high + more) * reversing
         return Residual(motion, predicted, tau - predicted, near, low, high, friction)

@@ -8,20 +8,20 @@ import numpy as np
 
 from ..regression.covariance import Misfit
 from ..types import Array, Indices, Mask
-from .frames import COLUMNS, LOCAL, Frames
+from .frames import FRAME_COLUMNS, JOINT_COLUMNS, Frames
 from .observer import Observed
 
-BATCH = 1.0  # [s] residuals of different batches count as independent
-SHRINK = 2.0  # [batches] without correlation that are added to those measured
-NEAREST = 1e-9  # [1] smallest noise over the rms of the predicted torque
-MOVED = 2.0  # [s] of motion of a joint that give its noise
-CHANGE, LITTLE, GAIN = 0.1, 0.01, 0.02  # [1] usual change since the identification: of friction, over torque, of gain
-ROUNDS = 4  # of the noise
-SIGMAS = 4.5  # [1] threshold over the size of the residual
-PEAK = 2.0  # [1] threshold over the largest residual of the quiet stretch, in units of its size
-SHARE, STRANGE = 0.03, 0.1  # [1] error of friction over its size; the same of a joint that has not moved yet
-USUAL = 99.9  # [%] of the squared residuals of the quiet stretch that give its size; those above are its largest ones
-LEAST_VARIANCE = 0.05  # [1] smallest variance that counts, over the mean squared residual
+BATCH_DURATION = 1.0  # [s] residuals of different batches count as independent
+SHRINKAGE_BATCHES = 2.0  # [batches] without correlation that are added to those measured
+MIN_NOISE_RATIO = 1e-9  # [1] smallest noise over the rms of the predicted torque
+MIN_MOTION_TIME = 2.0  # [s] of motion of a joint that give its noise
+FRICTION_CHANGE_SHARE, TORQUE_CHANGE_SHARE, GAIN_CHANGE = 0.1, 0.01, 0.02  # [1] since the identification
+QUIET_NOISE_ROUNDS = 4  # of the noise
+THRESHOLD_RATIO = 4.5  # [1] threshold over the size of the residual
+PEAK_THRESHOLD_RATIO = 2.0  # [1] threshold over the largest residual of the quiet stretch, in units of its size
+FRICTION_ERROR_SHARE, UNMOVED_ERROR_SHARE = 0.03, 0.1  # [1] of friction; of a joint that has not moved yet
+USUAL_RESIDUAL_PERCENTILE = 99.9  # [%] of the squared residuals of the quiet stretch give its size
+MIN_VARIANCE_RATIO = 0.05  # [1] smallest variance that counts, over the mean squared residual
 WEIGHT_ROUNDS = 4  # of the weights
 
 
@@ -31,7 +31,7 @@ class QuietNoise:
 
     frame: Array  # (n,) [N.m or N] standard deviation of the residual of a frame
     inflation: Array  # (n, 14) [1] variance of the score of a column over that of white noise
-    base: Array  # (n, 4) [units of the laws] coefficients of LOCAL that the quiet stretch has already
+    base: Array  # (n, 4) [units of the laws] coefficients of JOINT_COLUMNS that the quiet stretch has already
     spread: Array  # (b, b) [standard deviations] factor of the covariance that is left of the errors of the model
 
 
@@ -50,9 +50,9 @@ class Quiet:
         self.total += step * len(frames.t)
 
     def moved_long(self) -> Mask:
-        """Joints (n,) that moved for at least `MOVED`."""
+        """Joints (n,) that moved for at least `MIN_MOTION_TIME`."""
         frame = self.total / sum(len(t) for t, *_ in self.frames)
-        return np.asarray(sum(usable.sum(axis=0) for _, _, _, usable, _ in self.frames) * frame >= MOVED)
+        return np.asarray(sum(usable.sum(axis=0) for _, _, _, usable, _ in self.frames) * frame >= MIN_MOTION_TIME)
 
     def noise(self, friction: Array, misfit: Misfit) -> QuietNoise:
         """Changes of a joint's own laws since the model was identified, and the noise of frames without them.
@@ -63,19 +63,19 @@ class Quiet:
         """
         t, residual, columns, usable, errors = (np.concatenate(x) for x in zip(*self.frames, strict=True))
         n, moved = residual.shape[1], self.moved_long()
-        base, noise, inflation = np.zeros((n, len(LOCAL))), np.zeros(n), np.ones((n, COLUMNS))
+        base, noise, inflation = np.zeros((n, len(JOINT_COLUMNS))), np.zeros(n), np.ones((n, FRAME_COLUMNS))
         precision: Array = np.eye(errors.shape[2])
-        batch = ((t - t[0]) // BATCH).astype(int)
+        batch = ((t - t[0]) // BATCH_DURATION).astype(int)
         for j in range(n):
             here = usable[:, j] if moved[j] else np.ones(len(t), dtype=bool)
             x, e = columns[here, j], residual[here, j]
-            own = x[:, : len(LOCAL)]
+            own = x[:, : len(JOINT_COLUMNS)]
             correlated = max(1.0, misfit.length[j] * len(t) / self.total)
             if moved[j]:
                 base[j] = _changed(own, e, friction[j], correlated)
             rest = e - own @ base[j]
-            least = NEAREST * float(np.sqrt(np.mean(columns[:, j, 2] ** 2))) + 1e-12
-            rms = float(np.sqrt(np.sum(rest**2) / max(len(rest) - len(LOCAL), 1)))
+            least = MIN_NOISE_RATIO * float(np.sqrt(np.mean(columns[:, j, 2] ** 2))) + 1e-12
+            rms = float(np.sqrt(np.sum(rest**2) / max(len(rest) - len(JOINT_COLUMNS), 1)))
             noise[j] = max(rms, least, misfit.size[j])
             inflation[j] = _inflation(x, rest / noise[j], batch[here])
             if moved[j]:
@@ -86,15 +86,15 @@ class Quiet:
 def _changed(own: Array, e: Array, friction: Array, correlated: float) -> Array:
     """Most likely changes (4,) of a joint's laws [units of the laws] by its residual e (F,) [N.m or N].
 
-    own: (F, 4) columns of LOCAL; friction: (2,) of the model; correlated: frames that count as one.
+    own: (F, 4) columns of JOINT_COLUMNS; friction: (2,) of the model; correlated: frames that count as one.
     """
     speed, torque = (float(np.sqrt(np.mean(own[:, k] ** 2))) for k in (0, 2))
-    little = LITTLE * torque
-    usual = np.array([little / max(speed, 1e-9), little, GAIN, little]) + 1e-12
-    usual[:2] += CHANGE * np.abs(friction)
-    found: Array = np.zeros(len(LOCAL))
+    little = TORQUE_CHANGE_SHARE * torque
+    usual = np.array([little / max(speed, 1e-9), little, GAIN_CHANGE, little]) + 1e-12
+    usual[:2] += FRICTION_CHANGE_SHARE * np.abs(friction)
+    found: Array = np.zeros(len(JOINT_COLUMNS))
     variance = float(np.mean(e**2)) + 1e-24
-    for _ in range(ROUNDS):
+    for _ in range(QUIET_NOISE_ROUNDS):
         normal = own.T @ own / (variance * correlated)
         found = np.asarray(np.linalg.solve(normal + np.diag(usual**-2), own.T @ e / (variance * correlated)))
         variance = float(np.mean((e - own @ found) ** 2)) + 1e-24
@@ -108,7 +108,7 @@ def _inflation(x: Array, rest: Array, batch: Indices) -> Array:
     power = np.sum(x**2, axis=0)
     count = len(np.unique(batch))
     measured = np.sum(sums**2, axis=0) / np.maximum(power, 1e-300)
-    return np.asarray(np.maximum((measured * count + SHRINK) / (count + SHRINK), 1.0))
+    return np.asarray(np.maximum((measured * count + SHRINKAGE_BATCHES) / (count + SHRINKAGE_BATCHES), 1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +138,7 @@ def learn(seen: Observed, beyond: Array, moved: Mask, misfit: Array, period: flo
     delay that is assumed. A joint that has not moved takes the delay of the others.
     """
     n = beyond.shape[1]
-    share = np.where(moved, SHARE, STRANGE)
+    share = np.where(moved, FRICTION_ERROR_SHARE, UNMOVED_ERROR_SHARE)
     least = misfit**2 + (share * seen.friction) ** 2 + (period * seen.rate) ** 2
     noise, delay = np.empty(n), np.empty(n)
     for j in range(n):
@@ -149,15 +149,15 @@ def learn(seen: Observed, beyond: Array, moved: Mask, misfit: Array, period: flo
     ratio = (beyond / np.maximum(sized.threshold(seen, np.zeros(n)), 1e-12)).max(axis=0)
     if moved.any():
         ratio[~moved] = np.maximum(ratio[~moved], np.median(ratio[moved]))
-    return Discrepancy(sized.noise, sized.delay, share, np.maximum(SIGMAS, PEAK * ratio))
+    return Discrepancy(sized.noise, sized.delay, share, np.maximum(THRESHOLD_RATIO, PEAK_THRESHOLD_RATIO * ratio))
 
 
 def _noise_and_delay(power: Array, rate: Array, least: Array) -> tuple[float, float]:
     """Noise [N.m or N] and delay [s] of a joint by weighted least squares: power = noise^2 + delay^2 rate."""
     from scipy.optimize import nnls  # slow to import
 
-    power = np.minimum(power, np.percentile(power, USUAL))
-    floor = LEAST_VARIANCE * float(power.mean()) + 1e-24
+    power = np.minimum(power, np.percentile(power, USUAL_RESIDUAL_PERCENTILE))
+    floor = MIN_VARIANCE_RATIO * float(power.mean()) + 1e-24
     columns, weight = np.column_stack([np.ones_like(rate), rate / max(float(rate.max()), 1e-300)]), np.ones_like(rate)
     found = np.zeros(2)
     for _ in range(WEIGHT_ROUNDS):

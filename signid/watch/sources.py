@@ -23,13 +23,13 @@ from ..recording.names.mapping import ColumnMap
 from ..types import Array, Recording, Robot
 from .intake import StreamRows
 
-MOST_LINE, MOST_COLUMNS = 1_000_000, 2_000  # characters of a line, columns of a stream
-PROBE = 64  # rows of zeros and ones that show the conversion of each column
-TICK = 0.025  # [s] rows that arrive within this time are processed together
-LARGEST = 1 << 18  # [bytes] of a read
-MOST_READS = 16  # reads of standard input that wait
-CHUNK = 100  # rows of a recording
-ROS = "ros:"  # beginning of the name of a topic
+MAX_CHARACTERS, MAX_STREAM_COLUMNS = 1_000_000, 2_000  # characters of a line, columns of a stream
+PROBES = 64  # rows of zeros and ones that show the conversion of each column
+READ_INTERVAL = 0.025  # [s] rows that arrive within this time are processed together
+MAX_READ_BYTES = 1 << 18  # [bytes] of a read
+MAX_READS = 16  # reads of standard input that wait
+PLAYED_ROWS = 100  # rows of a recording
+TOPIC_PREFIX = "ros:"  # beginning of the name of a topic
 
 
 class Parser:
@@ -54,9 +54,9 @@ class Parser:
             lines[0] = "".join((*self.rest, lines[0]))
             self.rest = []
         self.rest.append(rest)
-        if sum(map(len, self.rest)) > MOST_LINE or any(len(line) > MOST_LINE for line in lines):
+        if sum(map(len, self.rest)) > MAX_CHARACTERS or any(len(line) > MAX_CHARACTERS for line in lines):
             raise RecordingError(
-                f"{self.name} has a line of more than {MOST_LINE} characters; give one row of CSV or JSON per line"
+                f"{self.name} has a line of more than {MAX_CHARACTERS} characters; give one row of CSV or JSON per line"
             )
         found = [values for line in lines if (values := self._values(line.strip().removeprefix("\ufeff"))) is not None]
         if not found:
@@ -94,9 +94,9 @@ class Parser:
             raise RecordingError(
                 f"{self.name} begins with {line[:60]!r}; give a header of CSV such as t,q_1,tau_1 or JSON objects"
             )
-        if len(names) > MOST_COLUMNS:
+        if len(names) > MAX_STREAM_COLUMNS:
             raise RecordingError(
-                f"{self.name} has {len(names)} columns, more than {MOST_COLUMNS}; give those of the robot"
+                f"{self.name} has {len(names)} columns, more than {MAX_STREAM_COLUMNS}; give those of the robot"
             )
         if repeated := [name for name, count in Counter(names).items() if name and count > 1]:
             raise RecordingError(
@@ -114,7 +114,7 @@ def assign(
     Raises:
         RecordingError: the columns are none of a recording with signed torque.
     """
-    probe = np.tile(np.arange(PROBE, dtype=float)[:, None] / PROBE, (1, len(names)))
+    probe = np.tile(np.arange(PROBES, dtype=float)[:, None] / PROBES, (1, len(names)))
     try:
         found = read_recording(dict(zip(names, probe.T, strict=True)), robot, columns=columns, rate=rate)
     except RecordingError as error:
@@ -128,7 +128,7 @@ def assign(
         if values is None or not all(found.columns[key]) or (key == "t" and rate):
             continue
         offset = values[0]
-        parts.append(([place[c] for c in found.columns[key]], (values[-1] - offset) * PROBE / (PROBE - 1), offset))
+        parts.append(([place[c] for c in found.columns[key]], (values[-1] - offset) * PROBES / (PROBES - 1), offset))
 
     before = count(0)
 
@@ -156,8 +156,8 @@ def check(recording: Recording, name: str) -> None:
 
 def played(recording: Recording) -> Iterator[StreamRows]:
     """Rows of a recording in chunks."""
-    for start in range(0, len(recording), CHUNK):
-        samples = recording.read(start, start + CHUNK)
+    for start in range(0, len(recording), PLAYED_ROWS):
+        samples = recording.read(start, start + PLAYED_ROWS)
         yield StreamRows(samples.t, samples.q, samples.tau, samples.dq)
 
 
@@ -206,8 +206,8 @@ def open_stream(
         RecordingError: the stream cannot be used.
         OptionError: rclpy is missing.
     """
-    if isinstance(stream, str) and stream.startswith(ROS):
-        return _topic(stream.removeprefix(ROS), robot, idle)
+    if isinstance(stream, str) and stream.startswith(TOPIC_PREFIX):
+        return _topic(stream.removeprefix(TOPIC_PREFIX), robot, idle)
     if isinstance(stream, str) and stream == "-":
         return _parsed(_standard_input(idle), Parser(robot, columns, "standard input", rate))
     if isinstance(stream, str | Path) and follow:
@@ -247,21 +247,21 @@ def _parsed(texts: Iterator[str], parser: Parser) -> Stream:
 
 def _standard_input(idle: float) -> Iterator[str]:
     """Text of standard input as it arrives; "" after each tick without any."""
-    source, arrived, last, decode = sys.stdin.fileno(), Queue[bytes](maxsize=MOST_READS), time.monotonic(), _Decoder()
+    source, arrived, last, decode = sys.stdin.fileno(), Queue[bytes](maxsize=MAX_READS), time.monotonic(), _Decoder()
 
     def read() -> None:
         while True:
-            got = os.read(source, LARGEST)
+            got = os.read(source, MAX_READ_BYTES)
             arrived.put(got)
             if not got:
                 return
-            if len(got) < LARGEST // 4:
-                time.sleep(TICK)  # the pipe collects rows meanwhile
+            if len(got) < MAX_READ_BYTES // 4:
+                time.sleep(READ_INTERVAL)  # the pipe collects rows meanwhile
 
     Thread(target=read, daemon=True).start()  # not select: it reads no pipes on Windows
     while True:
         try:
-            parts = [arrived.get(timeout=2 * TICK)]
+            parts = [arrived.get(timeout=2 * READ_INTERVAL)]
         except Empty:
             if time.monotonic() - last > idle:
                 return
@@ -293,12 +293,12 @@ def _growing(path: Path, idle: float) -> Iterator[str]:
     last, place, source, decode = time.monotonic(), 0, _open_file(path), _Decoder()
     try:
         while True:
-            got = source.read(LARGEST)
+            got = source.read(MAX_READ_BYTES)
             if got:
                 place += len(got)
                 yield decode(got)
                 last = time.monotonic()
-                if len(got) == LARGEST:
+                if len(got) == MAX_READ_BYTES:
                     continue
             elif time.monotonic() - last > idle:
                 return
@@ -307,7 +307,7 @@ def _growing(path: Path, idle: float) -> Iterator[str]:
                 place, source, decode = 0, _open_file(path), _Decoder()
             else:
                 yield ""
-            time.sleep(TICK)
+            time.sleep(READ_INTERVAL)
     finally:
         source.close()
 
@@ -349,7 +349,7 @@ def _messages(rclpy: Any, kind: Any, name: str, robot: Robot, idle: float) -> It
     last = time.monotonic()
     try:
         while time.monotonic() - last <= idle:
-            end = time.monotonic() + TICK
+            end = time.monotonic() + READ_INTERVAL
             while (left := end - time.monotonic()) > 0:
                 rclpy.spin_once(node, timeout_sec=left)
             rows = [row for message in waiting if (row := _row(message, robot)) is not None]

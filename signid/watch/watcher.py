@@ -25,31 +25,31 @@ from .blocks import Blocks, Cutter
 from .changes import Changes
 from .frames import Framer, Frames
 from .intake import Contact, Event, Intake, LastingChange, Note, StreamRows, given_rows
-from .observer import GAIN, Momentum, Observed, Observer, Residual
+from .observer import OBSERVER_GAIN, Momentum, Observed, Observer, Residual
 from .quiet import Discrepancy, Quiet, learn
 from .sources import Stream, open_stream
-from .windows import TIP
+from .windows import TIP_JOINT
 
-QUIET = 10.0  # [s] of motion that give the noise
-PATIENCE = 6.0  # [1] longest quiet stretch, over the motion that it should have
-SLOWEST = 0.05  # [1] speed below which the direction of friction is uncertain, over the largest of the quiet stretch
-STILL = 0.01  # [rad/s or m/s] the same, at least
-JITTER = 4.0  # [standard deviations] of the velocity, the same
-WARM = 0.3  # [1] share of the quiet stretch that gives the speeds alone
-TOGETHER, FEWEST = 0.02, 21  # [s] of rows that are processed together; rows, before the period is known
-EDGES = 16  # latest edges that give the noise of the velocity
-DEAD, MATTERS = 0.05, 0.05  # [1] deviation of a dead torque over the predicted one; of that, over the largest
-SPARSE = 0.01  # [s] between rows of the quiet stretch that are examined for faults, in about a second
-UNLIKE = (*CLAIMS, "absolute torque", "units", "gain", UNFIT)  # faults after which torque does not follow the model
-FEWEST_USED = 2  # rows of a stream that can be watched
-BEFORE = 4.0  # [s] before a change is noticed in which it may have looked like a contact
-CORRELATED = 0.1  # [s] of the misfit of a model that states none
-BRIEF = 3.0  # [s] a contact that is shorter is none of the changes
-LEAVE = 0.5  # [1] share of the threshold below which a contact ends
-LASTING = 0.004  # [s] above the threshold before a contact begins
-APART = 0.1  # [s] below `LEAVE` before a contact ends
-LOADED = 0.25  # [1] share of the threshold above which a joint is listed beside those that exceed it
-DIRECTION_JOINTS = 3  # joints that a direction of the force needs
+QUIET_DURATION = 10.0  # [s] of motion that give the noise
+MAX_QUIET_RATIO = 6.0  # [1] longest quiet stretch, over the motion that it should have
+SLOW_SPEED_RATIO = 0.05  # [1] over the largest of the quiet stretch; below, the direction of friction is uncertain
+MIN_SLOW_SPEED = 0.01  # [rad/s or m/s] the same, at least
+SLOW_SPEED_DEVIATIONS = 4.0  # [standard deviations] of the velocity, the same
+SPEED_SHARE = 0.3  # [1] share of the quiet stretch that gives the speeds alone
+PROCESSING_INTERVAL, MIN_PROCESSED_ROWS = 0.02, 21  # [s] of rows processed together; before the period is known
+NOISE_EDGES = 16  # latest edges that give the noise of the velocity
+DEAD_RATIO, LOADED_RATIO = 0.05, 0.05  # [1] deviation of a dead torque over that predicted; of that, over the largest
+FAULT_ROW_INTERVAL = 0.01  # [s] between rows of the quiet stretch that are examined for faults, in about a second
+MODEL_FAULTS = (*CLAIMS, "absolute torque", "units", "gain", UNFIT)  # torque does not follow the model
+MIN_STREAM_ROWS = 2  # rows of a stream that can be watched
+LOOKBACK = 4.0  # [s] before a change is noticed in which it may have looked like a contact
+CORRELATION_TIME = 0.1  # [s] of the misfit of a model that states none
+MIN_CHANGE_CONTACT = 3.0  # [s] a contact that is shorter is none of the changes
+CONTACT_END_RATIO = 0.5  # [1] share of the threshold below which a contact ends
+CONTACT_START_TIME = 0.004  # [s] above the threshold before a contact begins
+CONTACT_END_TIME = 0.1  # [s] below `CONTACT_END_RATIO` before a contact ends
+LISTED_JOINT_RATIO = 0.25  # [1] share of the threshold above which a joint is listed beside those that exceed it
+MIN_DIRECTION_JOINTS = 3  # joints that a direction of the force needs
 
 
 class WatchedBlocks(NamedTuple):
@@ -74,7 +74,7 @@ class Watcher:
         OptionError: no model, or a number that is not positive.
     """
 
-    def __init__(self, model: ModelSource, *, quiet: float = QUIET, sensitivity: float = 1.0) -> None:
+    def __init__(self, model: ModelSource, *, quiet: float = QUIET_DURATION, sensitivity: float = 1.0) -> None:
         self.model = _watched(model, quiet, sensitivity)
         robot = self.model.robot
         self.momentum = Momentum(self.model)
@@ -145,7 +145,7 @@ class Watcher:
 
         Of the last joint that the stream has; (4, 4) covariance [products of the units].
         """
-        named = [] if self.changes is None else [one for one in self.changes.known if one.joint == TIP]
+        named = [] if self.changes is None else [one for one in self.changes.known if one.joint == TIP_JOINT]
         if not named or self.changes is None:
             return None
         size = len(named[-1].covariance)
@@ -160,7 +160,7 @@ class Watcher:
 
     def fault(self) -> str:
         """Sentence on a stream that has ended before anything was watched; empty if something was."""
-        if self.used >= FEWEST_USED:
+        if self.used >= MIN_STREAM_ROWS:
             fact = f"nothing was watched: the stream ended within its first stretch of {self.duration:g} s of motion"
             return "" if self.sizes is not None else f"{fact}, which gives the thresholds; shorten it (--quiet)"
         fact = f"{self.used or 'none'} of the {self.given} rows" if self.given else "no row, only a header,"
@@ -169,7 +169,7 @@ class Watcher:
     def _size(self) -> int:
         """Rows that are processed together."""
         period = self.intake.period
-        return max(1, round(TOGETHER / period)) if period > 0 else FEWEST
+        return max(1, round(PROCESSING_INTERVAL / period)) if period > 0 else MIN_PROCESSED_ROWS
 
     def _restart(self) -> None:
         self.speeds = self.speeds[:0]
@@ -197,7 +197,7 @@ class Watcher:
             events.append(contact)
             if contact.end is not None:
                 self.past.append(contact)
-                if contact.end - contact.start < BRIEF:
+                if contact.end - contact.start < MIN_CHANGE_CONTACT:
                     self.changes.restart_after()
         if frames is not None:
             events += self._changed(frames, step)
@@ -229,26 +229,27 @@ class Watcher:
         """Contacts of the last seconds, which the change explains, with their cause."""
         assert self.changes is not None, "the noise is known"
         past, self.past = self.past, []
-        late = [contact for contact in past if contact.end is not None and contact.end > self.changes.noticed - BEFORE]
+        late = [one for one in past if one.end is not None and one.end > self.changes.noticed - LOOKBACK]
         return [replace(one, t=change.t, cause=change.sentence, corrects=one.t) for one in late]
 
     def _slow(self, blocks: Blocks) -> None:
         """Speed below which the direction of friction is uncertain, from the largest one and the noise so far."""
-        fastest = np.maximum(SLOWEST * np.abs(blocks.v).max(axis=0), STILL)
-        self.speeds = np.concatenate([self.speeds[:-1], blocks.v])[-EDGES:]  # the first edge is the last one before
+        fastest = np.maximum(SLOW_SPEED_RATIO * np.abs(blocks.v).max(axis=0), MIN_SLOW_SPEED)
+        self.speeds = np.concatenate([self.speeds[:-1], blocks.v])[-NOISE_EDGES:]  # the first is the last one before
         some = len(self.speeds) > 4
-        noise = JITTER * np.std(np.diff(self.speeds, 2, axis=0), axis=0) / np.sqrt(6) if some else 0.0
+        noise = SLOW_SPEED_DEVIATIONS * np.std(np.diff(self.speeds, 2, axis=0), axis=0) / np.sqrt(6) if some else 0.0
         self.momentum.slow = np.maximum(self.momentum.slow, np.maximum(fastest, noise))
 
     def _calibrate(self, frames: Frames | None, seen: Observed, step: float) -> list[Event]:
         if frames is not None:
             self.quiet.add(frames, step * frames.blocks)
         if not self.warm:
-            if self.quiet.moved >= WARM * self.duration or self.quiet.total >= PATIENCE * WARM * self.duration:
+            motion, total = self.quiet.moved, self.quiet.total
+            if motion >= SPEED_SHARE * self.duration or total >= MAX_QUIET_RATIO * SPEED_SHARE * self.duration:
                 self.quiet, self.warm = Quiet(len(self.std)), True
             return []
         self.seen.append(seen)
-        if frames is None or (self.quiet.moved < self.duration and self.quiet.total < PATIENCE * self.duration):
+        if frames is None or (self.quiet.moved < self.duration and self.quiet.total < MAX_QUIET_RATIO * self.duration):
             return []
         level, moved, misfit = self.momentum.level, self.quiet.moved_long(), self._misfit()
         friction = np.column_stack([level["viscous_friction"], level["coulomb_friction"]])
@@ -269,18 +270,18 @@ class Watcher:
             return ()
         predicted = seen.columns[:, 2]
         size, measured = predicted.std(axis=0), (predicted + seen.residual).std(axis=0)
-        dead = (measured < DEAD * size) & (moved | ((measured == 0) & (size > MATTERS * size.max())))
+        dead = (measured < DEAD_RATIO * size) & (moved | ((measured == 0) & (size > LOADED_RATIO * size.max())))
         if dead.any():
             joints = named([self.model.robot.joints[j] for j in np.flatnonzero(dead)])
             fact = f"the torque of {joints} does not follow the model: it hardly changes while the model's does"
             return (f"{fact}, so contacts are missed there; check its columns and sensors",)
-        every = max(1, round(SPARSE / self.intake.period))
+        every = max(1, round(FAULT_ROW_INTERVAL / self.intake.period))
         t, q, tau = (np.concatenate(parts)[::every] for parts in zip(*(rows[:3] for rows in kept), strict=True))
         table = {"t": t}
         for joint, *both in zip(self.model.robot.joints, q.T, tau.T, strict=True):
             table |= {f"q_{joint}": both[0], f"tau_{joint}": both[1]}
         try:
-            return recording_flags(self.model, [read_recording(table, self.model.robot)], kinds=UNLIKE)
+            return recording_flags(self.model, [read_recording(table, self.model.robot)], kinds=MODEL_FAULTS)
         except InputError:  # too short, or too damaged, to be examined
             return ()
 
@@ -288,8 +289,8 @@ class Watcher:
         """Misfit of the model; none where it states none."""
         n, known = len(self.std), self.model.misfit
         if known is None:
-            return Misfit(np.zeros(n), np.full(n, CORRELATED), np.nan)
-        return replace(known, size=np.nan_to_num(known.size), length=np.nan_to_num(known.length, nan=CORRELATED))
+            return Misfit(np.zeros(n), np.full(n, CORRELATION_TIME), np.nan)
+        return replace(known, size=np.nan_to_num(known.size), length=np.nan_to_num(known.length, nan=CORRELATION_TIME))
 
     def _watching(self, t: float, seen: Observed, moved: Mask) -> Note:
         assert self.sizes is not None, "the quiet stretch is over"
@@ -307,7 +308,7 @@ def watch(
     model: ModelSource,
     stream: object,
     *,
-    quiet: float = QUIET,
+    quiet: float = QUIET_DURATION,
     sensitivity: float = 1.0,
     columns: ColumnMap | None = None,
     follow: bool = False,
@@ -340,7 +341,7 @@ def watch(
 def open_watch(
     model: Model,
     stream: object,
-    quiet: float = QUIET,
+    quiet: float = QUIET_DURATION,
     sensitivity: float = 1.0,
     *,
     columns: ColumnMap | None = None,
@@ -440,8 +441,8 @@ class Contacts:
             step, before = max(now - before, 0.0), now
             if self.begun is None:
                 self.above = self.above + step if size > 1 else 0.0
-                if size > 1 and self.above >= min(LASTING, step * 1.5):
-                    rise = min(1.0, 1.0 / max(size, 1.0)) / GAIN  # [s] a constant torque needs to reach the threshold
+                if size > 1 and self.above >= min(CONTACT_START_TIME, step * 1.5):
+                    rise = min(1.0, 1.0 / max(size, 1.0)) / OBSERVER_GAIN  # [s] of a constant torque to the threshold
                     begin = now - self.above - float(rise)
                     self.begun = self._contact(now + late, ratio[k], r[k], q[k], begin)
                     self.most, self.below = (size, ratio[k].copy(), r[k].copy(), q[k].copy()), 0.0
@@ -451,15 +452,15 @@ class Contacts:
             assert self.most is not None, "it is set with `begun`"
             if size > self.most[0]:
                 self.most, self.peak = (size, ratio[k].copy(), r[k].copy(), q[k].copy()), now
-            self.below = self.below + step if size < LEAVE else 0.0
-            if self.below >= APART:
+            self.below = self.below + step if size < CONTACT_END_RATIO else 0.0
+            if self.below >= CONTACT_END_TIME:
                 events.append(self.close(now + late, self._end(now)))
         return events
 
     def _end(self, now: float) -> float:
         """End of the force [s]: before the decay of the residual, and not before its largest moment."""
         assert self.most is not None, "a contact is going on"
-        return max(now - self.below - float(np.log(self.most[0] / LEAVE)) / GAIN, self.peak)
+        return max(now - self.below - float(np.log(self.most[0] / CONTACT_END_RATIO)) / OBSERVER_GAIN, self.peak)
 
     def close(self, t: float, end: float, cause: str | None = None) -> Contact:
         """End of the contact, with its largest torque."""
@@ -476,14 +477,14 @@ class Contacts:
         names = self.robot.joints
         over = np.flatnonzero(ratio > 1)
         loaded = over if len(over) else np.array([int(np.argmax(ratio))])
-        torque = {names[j]: float(r[j]) for j in np.flatnonzero(ratio > LOADED)}
+        torque = {names[j]: float(r[j]) for j in np.flatnonzero(ratio > LISTED_JOINT_RATIO)}
         body = own_body(self.robot, int(loaded.max()))
         return Contact(
             t,
             tuple(names[j] for j in loaded),
             self.robot.links[body],
             torque,
-            self._direction(body, q, r) if loaded.max() + 1 >= DIRECTION_JOINTS else None,
+            self._direction(body, q, r) if loaded.max() + 1 >= MIN_DIRECTION_JOINTS else None,
             start,
         )
 

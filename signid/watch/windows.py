@@ -8,20 +8,19 @@ import numpy as np
 
 from ..effects.bodies import INERTIA, point_inertia
 from ..types import Array
-from .frames import COLUMNS, LOCAL, PAYLOAD, Frames
+from .frames import FRAME_COLUMNS, JOINT_COLUMNS, PAYLOAD_COLUMNS, Frames
 from .quiet import QuietNoise
 
-FRICTION = (0, 1)  # of LOCAL: viscous and Coulomb friction, which grow together when it gets cold or dry
-TIP = -1  # joint of the payload
-ROUNDS = 4  # of the inertia of a payload
-APART = 1e-3  # [1] the same for two laws of friction
-LEAST = 1e-9  # [1] smallest eigenvalue of the payload's normal equations that counts, over the largest
+FRICTION_PAIR = (0, 1)  # of JOINT_COLUMNS: viscous and Coulomb friction, which grow together when it gets cold or dry
+TIP_JOINT = -1  # joint of the payload
+PAYLOAD_ROUNDS = 4  # of the inertia of a payload
+FRICTION_EIGENVALUE_RATIO, PAYLOAD_EIGENVALUE_RATIO = 1e-3, 1e-9  # [1] smallest over largest, of normal equations
 
 
 class Suspect(NamedTuple):
     """A law, or two of friction, with their numbers and their evidence."""
 
-    joint: int  # or TIP
+    joint: int  # or TIP_JOINT
     columns: tuple[int, ...]  # of the frames
     value: Array  # (m,) [units of the laws]
     covariance: Array  # (k, k) [products of the units], without an inertia that follows from others
@@ -47,7 +46,7 @@ class Window:
     """Sums (n, 15, 15) of products of columns and residual, each over the noise of its joint."""
 
     def __init__(self, joints: int, memory: float = np.inf) -> None:
-        self.sums = np.zeros((joints, COLUMNS + 1, COLUMNS + 1))
+        self.sums = np.zeros((joints, FRAME_COLUMNS + 1, FRAME_COLUMNS + 1))
         self.count = np.zeros(joints)  # frames
         self.model = np.zeros(joints)  # squared error of the model by its covariance, over the variance of the noise
         self.memory = memory  # [s]
@@ -73,7 +72,7 @@ class Window:
         Where the law leaves more than the noise of the quiet stretch, the window counts less by that misfit.
         """
         c = list(one.columns[: len(one.covariance)])
-        tip = one.joint == TIP
+        tip = one.joint == TIP_JOINT
         at = slice(None) if tip else slice(one.joint, one.joint + 1)
         sums, count = self.sums[at].sum(axis=0), float(self.count[at].sum())
         power = np.maximum(np.einsum("nkk->n", self.sums[at][:, c][:, :, c]), 1e-300)
@@ -99,7 +98,7 @@ class Window:
         common = float(excess @ whole.mean(axis=1) / excess.sum())  # or the score prefers noisy joints
         found, count = [], float(self.count.sum())
         for j, sums in enumerate(self.sums):
-            for columns in ((0,), (1,), (2,), (3,), FRICTION):
+            for columns in ((0,), (1,), (2,), (3,), FRICTION_PAIR):
                 if one := _fit(sums, columns, j):
                     own = float(np.mean(whole[j, list(columns)]))
                     found.append(_scaled(one, own, common, self.count[j]))
@@ -109,8 +108,8 @@ class Window:
 
 
 def products(frames: Frames, base: Array, noise: QuietNoise) -> Sums:
-    """Sums of usable frames; base: (n, 4) coefficients of LOCAL that are known already [units of the laws]."""
-    known = np.einsum("fnk,nk->fn", frames.columns[:, :, : len(LOCAL)], base)
+    """Sums of usable frames; base: (n, 4) coefficients of JOINT_COLUMNS that are known already [units of the laws]."""
+    known = np.einsum("fnk,nk->fn", frames.columns[:, :, : len(JOINT_COLUMNS)], base)
     whole = np.concatenate([frames.columns, (frames.residual - known)[:, :, None]], axis=2)
     whole *= (frames.usable / noise.frame)[:, :, None]
     by_joint = whole.transpose(1, 0, 2)
@@ -132,24 +131,24 @@ def effect(sums: Array, one: Suspect) -> float:
 
 def _scaled(one: Suspect, own: float, common: float, count: float) -> Suspect:
     """Suspect with its evidence: variances inflated by its own factor, the score by a common one."""
-    cost = min(len(one.columns), len(PAYLOAD)) * np.log(max(count, 2.0))
+    cost = min(len(one.columns), len(PAYLOAD_COLUMNS)) * np.log(max(count, 2.0))
     return one._replace(covariance=one.covariance * own, gain=one.raw / own, score=0.5 * (one.raw / common - cost))
 
 
 def _payload(sums: Array) -> Suspect | None:
     """Point mass at the last link: mass and first moment, and the inertia that follows from them."""
-    first, columns = len(LOCAL), tuple(range(len(LOCAL), len(LOCAL) + len(PAYLOAD)))
+    first, columns = len(JOINT_COLUMNS), tuple(range(len(JOINT_COLUMNS), len(JOINT_COLUMNS) + len(PAYLOAD_COLUMNS)))
     inertia, shifted, one = np.zeros(len(INERTIA)), sums, None
-    turning = list(range(first + len(PAYLOAD), COLUMNS))
-    for _ in range(ROUNDS):
-        one = _fit(shifted, columns, TIP)
+    turning = list(range(first + len(PAYLOAD_COLUMNS), FRAME_COLUMNS))
+    for _ in range(PAYLOAD_ROUNDS):
+        one = _fit(shifted, columns, TIP_JOINT)
         if one is None or not one.value[0] > 0:
             return one
         inertia = np.array(point_inertia(float(one.value[0]), one.value[1:].tolist()))
         shifted = sums.copy()
         shifted[:, -1] -= sums[:, turning] @ inertia
     assert one is not None, "there is a round"
-    whole = one._replace(columns=tuple(range(first, COLUMNS)), value=np.concatenate([one.value, inertia]))
+    whole = one._replace(columns=tuple(range(first, FRAME_COLUMNS)), value=np.concatenate([one.value, inertia]))
     return whole._replace(raw=gain(sums, whole))
 
 
@@ -158,12 +157,12 @@ def _fit(sums: Array, columns: tuple[int, ...], joint: int) -> Suspect | None:
     c = list(columns)
     normal, right = sums[np.ix_(c, c)], sums[c, -1]
     size = np.sqrt(np.diag(normal))
-    if not size.max() > 0 or (joint != TIP and not (size > 0).all()):
+    if not size.max() > 0 or (joint != TIP_JOINT and not (size > 0).all()):
         return None
-    size = np.maximum(size, LEAST * size.max())
+    size = np.maximum(size, PAYLOAD_EIGENVALUE_RATIO * size.max())
     values, vectors = np.linalg.eigh(normal / np.outer(size, size))
-    seen = values > (LEAST if joint == TIP else APART) * values[-1]
-    if joint != TIP and not seen.all():
+    seen = values > (PAYLOAD_EIGENVALUE_RATIO if joint == TIP_JOINT else FRICTION_EIGENVALUE_RATIO) * values[-1]
+    if joint != TIP_JOINT and not seen.all():
         return None
     root = vectors[:, seen] / np.sqrt(values[seen])
     inverse = (root @ root.T) / np.outer(size, size)

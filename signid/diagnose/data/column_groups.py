@@ -29,7 +29,7 @@ from .thresholds import (
     REVERSAL_WIDTHS,
 )
 
-MASSLESS = 1e-6  # [kg] a body below this mass has no centre of mass. Heuristic
+MIN_CENTRED_MASS = 1e-6  # [kg] a body below this mass has no centre of mass. Heuristic
 DRY_STRIDE = 8  # every 8th sample is used for the rough estimate of dry friction. Heuristic
 LAYOUT_SAMPLES = 64  # samples of the motion from which columns are counted
 
@@ -98,7 +98,7 @@ def tolerance(model: Model) -> Array:
     for inertia in list(model.bodies().inertias)[1:]:
         mass = max(abs(inertia.mass), MIN_MASS)
         about, lever = np.diag(inertia.inertia), np.abs(inertia.lever)
-        if abs(inertia.mass) < MASSLESS:  # no centre of mass
+        if abs(inertia.mass) < MIN_CENTRED_MASS:  # no centre of mass
             about, lever = inertia.toDynamicParameters()[[4, 6, 9]], np.abs(inertia.mass * inertia.lever) / mass
         moment = max(INERTIA_STD * float(np.max(np.abs(about) + mass * (lever @ lever))), mass * CENTRE_STD**2)
         half = moment / 2

@@ -12,8 +12,8 @@ from ...effects.torque_gain import PLUGIN, TorqueGain
 from ...model import Model
 from ...types import Array, Indices, Law
 
-LEAST_GAIN = 1e-9  # start of a gain [1]: a law of zero numbers is no column
-LEAST_STD = 1e-4  # [1] of a gain, so that precisions are finite
+MIN_START_GAIN = 1e-9  # start of a gain [1]: a law of zero numbers is no column
+MIN_GAIN_STD = 1e-4  # [1] of a gain, so that precisions are finite
 
 
 class EstimatedGain(TorqueGain):
@@ -53,7 +53,7 @@ def gain_prior(laws: Iterable[tuple[int, Law | None]]) -> GainPrior:
     own = [(k, x.joints[0], x.effect.covariance) for k, x in pairs if isinstance(x.effect, EstimatedGain)]
     covariance = np.array([row[[joint for _, joint, _ in own]] for _, _, row in own]).reshape(len(own), len(own))
     scale = 1 / np.linalg.inv(covariance).sum() if own and len(own) == len(own[0][2]) else 0.0
-    beside = covariance - scale + LEAST_STD**2 * np.eye(len(own))
+    beside = covariance - scale + MIN_GAIN_STD**2 * np.eye(len(own))
     return GainPrior(np.array([k for k, _, _ in own], dtype=np.intp), covariance, beside)
 
 
@@ -66,7 +66,7 @@ def with_estimated_gains(model: Model, covariance: Array | None) -> tuple[Model,
         return model, ()
     stated = {law.joints[0]: law.parameters for law in model.laws if law.effect.name == "torque_gain"}
     found = [(j, EstimatedGain(row)) for j, row in enumerate(covariance) if row[j] > 0]
-    gains = tuple(Law(effect, (j,), stated.get(j, {"error": LEAST_GAIN})) for j, effect in found)
+    gains = tuple(Law(effect, (j,), stated.get(j, {"error": MIN_START_GAIN})) for j, effect in found)
     taken = {(gain.effect.name, gain.joints) for gain in gains}
     kept = [law for law in model.laws if (law.effect.name, law.joints) not in taken]
     return replace(model, laws=(*kept, *gains)), gains

@@ -18,10 +18,10 @@ from ...robot.dynamics import own_body
 from ...types import Array, Law
 from .estimated_gains import EstimatedGain
 
-GRAVITY = "gravity"  # determined before the search: it is no small correction of the simulation
-VARIABLES = ("position", "velocity", "acceleration", "torque", "time")
+GRAVITY_EFFECT = "gravity"  # determined before the search: it is no small correction of the simulation
+VARIABLE_NAMES = ("position", "velocity", "acceleration", "torque", "time")
 UNKNOWN_KNOTS = 8  # knots of an unknown dependence. Heuristic
-OVERFLOW = 1e60  # [torque per coefficient] larger columns are zeroed: sums of their squares could overflow
+MAX_COLUMN_VALUE = 1e60  # [torque per coefficient] larger columns are zeroed: sums of their squares could overflow
 Key = tuple[str, tuple[int, ...]]  # effect and joints, shared by all shapes of a hypothesis; see `Hypothesis.nth`
 
 
@@ -96,7 +96,7 @@ class Hypothesis:
 
 def finite(x: Array) -> Array:
     """Set columns x (N, k) [torque per coefficient] with overflow or NaN to zero: such a law explains nothing."""
-    usable = np.abs(x).max(axis=0, initial=0.0) < OVERFLOW  # False for NaN
+    usable = np.abs(x).max(axis=0, initial=0.0) < MAX_COLUMN_VALUE  # False for NaN
     return x if usable.all() else np.where(usable, x, 0.0)
 
 
@@ -201,7 +201,7 @@ def is_transient(law: Law) -> bool:
 
 def _unknown(motion: Motion) -> Iterator[Hypothesis]:
     for joint in range(len(motion.robot.joints)):
-        for name in VARIABLES:
+        for name in VARIABLE_NAMES:
             x = variable(motion, joint, name)
             knots = np.quantile(x, np.linspace(0.002, 0.998, UNKNOWN_KNOTS))
             if name == "velocity":

@@ -10,19 +10,19 @@ import numpy as np
 
 from ...regression.projection import least_squares, leave
 from ...types import Array, Mask
-from .hypotheses import VARIABLES, hats
+from .hypotheses import VARIABLE_NAMES, hats
 from .rows import RowTable
 
 EXPLAINED_KNOTS = 9  # knots of the piecewise linear function of a variable. Heuristic
 REGION_SHARES = (0.1, 0.2, 0.33, 0.5)  # [1] shares of the rows that regions hold. Heuristic
-DIGITS = 2  # significant digits of printed numbers
+REGION_DIGITS = 2  # significant digits of printed numbers
 FREQUENCY_TOLERANCE = 0.05  # [1] relative difference of frequencies that count as one wave. Heuristic
-UNITS = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s2", "torque": "N.m", "time": "s"}
+VARIABLE_UNITS = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s2", "torque": "N.m", "time": "s"}
 
 
-MIN_CYCLES = 3.0  # [1] cycles in the signal, at least: a slower sine is drift. Heuristic
+MIN_WAVE_CYCLES = 3.0  # [1] cycles in the signal, at least: a slower sine is drift. Heuristic
 OVERSAMPLING = 16  # frequencies of the periodogram for each that the length resolves. Heuristic
-MIN_SAMPLES = 32  # samples; in a shorter signal no sine is sought. Heuristic
+MIN_WAVE_SAMPLES = 32  # samples; in a shorter signal no sine is sought. Heuristic
 
 
 class Wave(NamedTuple):
@@ -39,9 +39,9 @@ def find_wave(x: Array, rate: float) -> Wave:
     Source: Schuster's periodogram, as in Stoica, Moses, Spectral Analysis of Signals, 2005, section 4.3.
     """
     whole = float(x @ x)
-    if len(x) < MIN_SAMPLES or whole == 0:
+    if len(x) < MIN_WAVE_SAMPLES or whole == 0:
         return Wave(0.0, np.zeros_like(x), 0.0)
-    lowest = int(MIN_CYCLES * OVERSAMPLING)
+    lowest = int(MIN_WAVE_CYCLES * OVERSAMPLING)
     power = np.abs(np.fft.rfft(x, OVERSAMPLING * len(x))) ** 2
     k = lowest + int(np.argmax(power[lowest:-1]))
     before, here, after = power[k - 1 : k + 2].tolist()
@@ -66,19 +66,19 @@ class Location(NamedTuple):
 
 
 def locate(
-    table: RowTable, joint: int, torque: Array, prismatic: bool = False, variables: Sequence[str] = VARIABLES
+    table: RowTable, joint: int, torque: Array, prismatic: bool = False, variables: Sequence[str] = VARIABLE_NAMES
 ) -> Location:
     """Find the variable of a joint that torque (M,) [N.m or N] depends on most, and the region where it is densest."""
     explained = {name: _explained(table.variable(joint, name), torque) for name in variables}
     best = max(explained, key=lambda name: explained[name])
     wave = _wave(table, torque) if "time" in variables else None
     if wave is not None and wave.share > explained[best]:
-        text = f"at {wave.frequency:.{DIGITS + 1}g} Hz"
+        text = f"at {wave.frequency:.{REGION_DIGITS + 1}g} Hz"
         return Location(joint, "time", text, wave.share, wave.share, _origin(table, torque))
     origin = _origin(table, torque)
     x = table.variable(joint, best) - (origin if best == "time" else 0.0)
     power = torque**2 / max(float(np.sum(torque**2)), 1e-300)
-    unit = UNITS[best].replace("N.m", "N").replace("rad", "m") if prismatic else UNITS[best]
+    unit = VARIABLE_UNITS[best].replace("N.m", "N").replace("rad", "m") if prismatic else VARIABLE_UNITS[best]
     regions = [(float(power[inside].sum()), float(inside.mean()), text) for text, inside in _regions(best, x, unit)]
     share, _, region = max(regions, key=lambda r: r[0] - r[1])
     region += " since the start" if best == "time" and origin else ""
@@ -123,10 +123,10 @@ def _regions(name: str, x: Array, unit: str) -> Iterator[tuple[str, Mask]]:
         yield f"below 0 {unit}", x < 0
         for share in REGION_SHARES:
             low, high = np.quantile(size, [share, 1 - share])
-            yield f"{inside} {low:.{DIGITS}g} {unit}", size <= low
-            yield f"{outside} {high:.{DIGITS}g} {unit}", size >= high
+            yield f"{inside} {low:.{REGION_DIGITS}g} {unit}", size <= low
+            yield f"{outside} {high:.{REGION_DIGITS}g} {unit}", size >= high
         return
     for share in REGION_SHARES:
         edges = np.quantile(x, np.arange(0, 1 + 1e-9, share))
         for low, high in zip(edges[:-1], edges[1:], strict=True):
-            yield f"{low:.{DIGITS + 1}g} to {high:.{DIGITS + 1}g} {unit}", (x >= low) & (x <= high)
+            yield f"{low:.{REGION_DIGITS + 1}g} to {high:.{REGION_DIGITS + 1}g} {unit}", (x >= low) & (x <= high)

@@ -32,8 +32,8 @@ MIN_SECONDS = 120.0  # [s] duration for any robot that the limit above never goe
 # Measured: columns of 750 s of recordings for one joint a second (panda, 500 Hz, one core at 3 GHz).
 SECONDS_PER_SECOND = 250.0
 
-SPARE_ROWS = 2.0  # [1] rows that recording checks get, over the number that they need. Heuristic
-GROWTH = 1.5  # [1] factor by which the stretches grow until there are enough rows
+CHECK_ROWS_FACTOR = 2.0  # [1] rows that recording checks get, over the number that they need. Heuristic
+STRETCH_GROWTH = 1.5  # [1] factor by which the stretches grow until there are enough rows
 
 
 class Piece(NamedTuple):
@@ -132,7 +132,7 @@ def subsample(session: Session) -> Session:
     seconds = max(MIN_SECONDS, JOINT_SECONDS / joints**2)
     soon = SECONDS_PER_SECOND * seconds_left() / joints**2
     while soon < seconds and not _suffices(session, _cut(session.train, soon)):
-        soon = GROWTH * max(soon, 1.0)
+        soon = STRETCH_GROWTH * max(soon, 1.0)
     seconds = min(seconds, soon)
     train, held_out = (_cut(parts, seconds) for parts in (session.train, session.held_out))
     whole, used = _duration((*session.train, *session.held_out)), _duration(train + held_out)
@@ -144,7 +144,7 @@ def subsample(session: Session) -> Session:
 
 def _suffices(session: Session, parts: tuple[Part, ...]) -> bool:
     amount = judge_amount(session, parts)
-    return amount.rows >= SPARE_ROWS * PER_UNKNOWN * amount.unknowns
+    return amount.rows >= CHECK_ROWS_FACTOR * PER_UNKNOWN * amount.unknowns
 
 
 def _duration(parts: tuple[Part, ...]) -> float:

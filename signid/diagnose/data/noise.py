@@ -17,12 +17,12 @@ from .locate import find_wave
 from .rows import RowTable
 from .thresholds import (
     AR_ORDER,
+    KEPT_STRETCH_SHARE,
     MAX_AR_ROOT,
-    MIN_MOVING,
-    MIN_RELIABLE,
-    OUTLIER,
+    MIN_MOVING_ROWS,
+    MIN_RELIABLE_SHARE,
+    OUTLIER_RATIO,
     PERIOD_TOLERANCE,
-    QUIET_SHARE,
     RELIABLE_STD,
     REPLICATE_FACTOR,
     REPLICATE_STRETCHES,
@@ -33,8 +33,8 @@ from .thresholds import (
 )
 
 MIN_PERIOD = 1.0  # [s] shortest period of a motion. Heuristic
-MAX_PERIOD = 0.55  # [1] longest period, as a share of the recording: nearly two periods are compared. Heuristic
-RANK = 1e-4  # [1] smallest singular value that counts, over the largest, of scaled columns. Heuristic
+MAX_PERIOD_SHARE = 0.55  # [1] longest period, as a share of the recording: nearly two periods are compared. Heuristic
+COLUMN_RANK_TOLERANCE = 1e-4  # [1] smallest singular value that counts, over the largest, of scaled columns. Heuristic
 MIN_REVERSAL_ROWS = 6  # rows near reversals; with fewer, the scale is not estimated. Heuristic
 CHI2_MEDIAN = 0.455  # [1] median of the chi-squared distribution with one degree of freedom
 
@@ -89,7 +89,7 @@ def find_period(q: Array, rate: float) -> float | None:
     """Shortest period [s] after which all uniformly sampled positions q (N, n) [rad or m] repeat; None if none does."""
     count, spread = len(q), q.std(0)
     x = (q - q.mean(0))[:, spread > 1e-9] / spread[spread > 1e-9]
-    least, most = round(MIN_PERIOD * rate), int(MAX_PERIOD * count)
+    least, most = round(MIN_PERIOD * rate), int(MAX_PERIOD_SHARE * count)
     if x.shape[1] == 0 or most <= least + 2:
         return None
     spectrum = np.fft.rfft(x, 1 << (2 * count).bit_length(), axis=0)
@@ -138,9 +138,9 @@ def noise_of_rest(table: RowTable, joint: int, rest: Array, factor: float) -> tu
 
 def _reliable(rest: Sequence[Array], reversal_std: Sequence[Array], scale: float) -> list[Mask]:
     """For each run, rows that are neither near a reversal nor outliers; all rows if these are too few."""
-    far = OUTLIER * float(np.median(np.abs(np.concatenate(rest)))) or np.inf
+    far = OUTLIER_RATIO * float(np.median(np.abs(np.concatenate(rest)))) or np.inf
     reliable = [(u < RELIABLE_STD * scale) & (np.abs(x) < far) for x, u in zip(rest, reversal_std, strict=True)]
-    if np.concatenate(reliable).mean() < MIN_RELIABLE:
+    if np.concatenate(reliable).mean() < MIN_RELIABLE_SHARE:
         reliable = [np.ones(len(x), dtype=bool) for x in reversal_std]
     return reliable
 
@@ -163,7 +163,7 @@ def _saturated(table: RowTable, joint: int, used: Mask) -> tuple[list[Array], li
     shown = size > 1e-9 * size.max(initial=1e-300)
     x = x[:, shown] / size[shown]
     left, singular, _ = np.linalg.svd(x, full_matrices=False)
-    left = left[:, singular > RANK * singular.max(initial=0.0)]
+    left = left[:, singular > COLUMN_RANK_TOLERANCE * singular.max(initial=0.0)]
     left = left[:, : max(1, int(len(y) / ROWS_PER_DIRECTION))]
     parts = [(part, find_wave(part, 1.0)) for part in _split(y - left @ (left.T @ y), run)]
     rest = [part - wave.signal if wave.share > WAVE_SHARE else part for part, wave in parts]
@@ -196,7 +196,7 @@ def _replicates(table: RowTable, joint: int, periods: Sequence[float | None], ra
     if not out:
         return []
     power = np.array([np.mean(x**2) for x in out])
-    return [x for x, size in zip(out, power, strict=True) if size <= np.quantile(power, QUIET_SHARE)]
+    return [x for x, size in zip(out, power, strict=True) if size <= np.quantile(power, KEPT_STRETCH_SHARE)]
 
 
 def _fit(pieces: Sequence[Array], factor: float, reliable: Sequence[Mask]) -> tuple[float, Array, float]:
@@ -226,7 +226,7 @@ def _damped(coefficients: Array) -> Array:
 def _in_motion(table: RowTable, joint: int) -> tuple[Mask, Indices]:
     """Rows in motion (M,), all if these are too few, and the run (M',) of each; a run is within one piece."""
     moving = ~table.at_rest[:, joint]
-    moving = moving if moving.sum() > MIN_MOVING else np.ones_like(moving)
+    moving = moving if moving.sum() > MIN_MOVING_ROWS else np.ones_like(moving)
     starts = (np.diff(table.piece, prepend=-1) != 0) | (np.diff(moving.astype(np.intp), prepend=0) != 0)
     return moving, np.cumsum(starts)[moving]
 

@@ -16,9 +16,9 @@ from ...types import Array, Frozen, Indices, Mask
 from .column_groups import Group, nuisances
 from .hypotheses import finite
 from .motions import Piece, reversal_uncertainty, row_filter, standstill
-from .thresholds import HOLD_TIME, MIN_MOVING, MIN_TORQUE, STATIC_OVER_DRY
+from .thresholds import HOLD_TIME, MIN_MOVING_ROWS, MIN_TORQUE, STATIC_OVER_DRY
 
-STAMP = 6  # decimals of times [s] that are differences of large time stamps
+STAMP_DECIMALS = 6  # decimals of times [s] that are differences of large time stamps
 BLOCK_GROUPS = 32  # groups of columns that are filtered at once: limits memory
 
 
@@ -61,7 +61,7 @@ class RowTable(Frozen):
         """(M,) [s] times, from the start of each recording whose time stamps begin far from 0."""
         if not any(self.origins):
             return self.t.copy()
-        return np.asarray(np.round(self.t - np.array(self.origins)[self.piece], STAMP))
+        return np.asarray(np.round(self.t - np.array(self.origins)[self.piece], STAMP_DECIMALS))
 
     def variable(self, joint: int, name: str) -> Array:
         """(M,) [rad, rad/s, rad/s2, N.m or s; m and N for prismatic joints] variable that torque may depend on."""
@@ -112,7 +112,7 @@ def _holding_torque(residual: Array, rests: Mask, dry: Array) -> Array:
     in motion, residual (M, n), bound it. A command beyond both and the load is another matter, such as saturation.
     """
     moving = np.where(rests, np.nan, np.abs(residual))
-    enough = np.sum(~rests, axis=0) > MIN_MOVING
+    enough = np.sum(~rests, axis=0) > MIN_MOVING_ROWS
     largest = np.array([np.nanmax(x) if yes else np.inf for x, yes in zip(moving.T, enough, strict=True)])
     return np.asarray(STATIC_OVER_DRY * (dry + largest))
 

@@ -34,12 +34,12 @@ AR_ORDER = 4  # order of the autoregressive model. Prototype
 MAX_AR_ROOT = 0.75  # [1] largest root: slower correlation is drift, friction or discrepancy. Heuristic
 ROWS_PER_DIRECTION = 3.0  # [1] least number of rows for each direction of the saturated fit. Prototype
 REPLICATE_FACTOR = 1.06  # [1] corrects the rms of replicates for the discarded stretches. Prototype
-QUIET_SHARE = 0.85  # [1] share of the stretches of replicates that is kept. Prototype
+KEPT_STRETCH_SHARE = 0.85  # [1] share of the stretches of replicates that is kept. Prototype
 REPLICATE_STRETCHES = 8  # stretches of each piece. Heuristic
 RELIABLE_STD = 0.003  # [1] rows count for noise if their reversal std is below this share of torque. Heuristic
-OUTLIER = 12.0  # [1] larger residuals, over their median size, are no noise (ends of a contact window). Heuristic
-MIN_RELIABLE = 0.3  # [1] least share of reliable rows; with fewer, all rows are used. Heuristic
-MIN_MOVING = 50  # rows in motion; with fewer, rows at rest are used too. Heuristic
+OUTLIER_RATIO = 12.0  # [1] larger residuals, over their median size, are no noise (ends of a contact window). Heuristic
+MIN_RELIABLE_SHARE = 0.3  # [1] least share of reliable rows; with fewer, all rows are used. Heuristic
+MIN_MOVING_ROWS = 50  # rows in motion; with fewer, rows at rest are used too. Heuristic
 WAVE_SHARE = 0.5  # [1] a sine with more than this share of a residual's power is a disturbance. Heuristic
 SHAPES_IN_FIT = 6  # shapes of one hypothesis that enter the saturated fit. Heuristic
 # Model discrepancy.
@@ -66,10 +66,10 @@ BODY_LEVER = 0.1  # [m] distance of mass from the joint; relates mass, first mom
 PRIOR_NOTHING = 0.5  # [1] no hypothesis is true. Prototype
 PRIOR_UNKNOWN = 0.02  # [1] an unknown dependence, if a hypothesis is true. Heuristic
 ADDED_FREQUENCY = 0.1  # [1] of a law that `signid.effects` does not list and that states no `common`. Heuristic
-SINGLE_JOINT = 0.3  # [1] factor for one joint alone with an effect that all joints may share. Prototype
+ONE_JOINT_FACTOR = 0.3  # [1] factor for one joint alone with an effect that all joints may share. Prototype
 # Noise floor beside the selected laws.
-RELEVANT_DROP = 0.8  # [1] a floor below this share of the saturated floor makes that floor be measured again. Heuristic
-MIN_FLOOR = 0.7  # [1] lower bound of the floor, as a share of the saturated floor. Heuristic
+RELEVANT_FLOOR_SHARE = 0.8  # [1] a floor below this share of the saturated floor is measured again. Heuristic
+MIN_FLOOR_SHARE = 0.7  # [1] lower bound of the floor, as a share of the saturated floor. Heuristic
 # Misfit of an identified model.
 MISFIT_GROWTH = 2.0  # [1] largest growth on other recordings: measured, .9 to 1.8 on a da Vinci PSM. Heuristic
 # Stepwise selection (stepwise.py), log posterior odds [-]
@@ -79,11 +79,11 @@ UNTRUSTED_LOG_ODDS = 5.0  # needed by the first law where inertials are probably
 IMITATED_LOG_ODDS = 8.0  # needed, in that case, by laws that wrong inertials imitate; simulated arms
 EXCHANGE_LOG_ODDS = 2.0  # by which a rival must be better to replace a selected law; simulated arms
 IMITATED_SHARE = 0.9  # share of a law's torque that wrong inertials must make to imitate it [1]; heuristic
-MAX_LAWS = 14  # selected laws; heuristic
+MAX_SELECTED_LAWS = 14  # selected laws; heuristic
 SHAPE_ERROR = 0.05  # error of a selected law's formula, over its torque [1]; simulated arms
 MAX_INFLATION = 1.3  # bound of the dispersion with formula errors, over the mean square of the residual [1]; heuristic
 # Admissible laws (admissible.py)
-LEAST_TORQUE_SHARE = 0.007  # rms torque of a law over that of some joint [1]; simulated arms
+MIN_LAW_TORQUE_SHARE = 0.007  # rms torque of a law over that of some joint [1]; simulated arms
 ON_OFF_RANGE = (0.3, 2.0)  # fitted coefficient of a law without numbers, 1 where it holds exactly [1]; heuristic
 ACTUATOR_RANGE = (0.6, 1.5)  # the same for actuator laws, such as saturation [1]; heuristic
 INFEASIBLE_CHI2 = 4.0  # squared distance to consistent bodies, per number [variances]: two standard deviations
@@ -101,8 +101,8 @@ RELEVANT_CHI2 = 1.0  # squared change of torque by relinearisation [variances of
 # Pruning (stepwise.py)
 SIGNIFICANT_CHI2 = 4.0  # squared coefficients, per number [variances]: two standard deviations
 # Stability of a law's gain (steady.py)
-BLOCKS, LEAST_BLOCKS = 8, 3  # blocks of rows with equal torque energy of the law, and the fewest for a test; heuristic
-LEAST_PROBABILITY = 1e-15  # bound of the test's probability [1]: about the precision of a double
+GAIN_BLOCKS, MIN_GAIN_BLOCKS = 8, 3  # blocks of rows with equal torque energy of the law; heuristic
+MIN_TEST_PROBABILITY = 1e-15  # bound of the test's probability [1]: about the precision of a double
 # Contact window (contact_window.py)
 CONTACT_WIDTHS = (0.5, 0.9, 1.5, 2.5, 4.0, 7.0)  # [s] first grid; heuristic
 CONTACT_STEP = 0.2  # [s] between the starts of the first grid; heuristic
@@ -110,7 +110,7 @@ CONTACT_TORQUE = 0.15  # prior rms torque of the force over the rms torque [1]; 
 # Shape optimisation (shape_optimisation.py)
 EVALUATIONS_PER_SHAPE = 20  # evaluations of the optimiser; heuristic
 LOG_ODDS_TOLERANCE = 1e-4  # of the optimiser [-]; looser, shapes ended half a standard deviation apart by rounding
-SHAPE_CHANGES = 3.0  # log odds by which another shape must explain more than the stated one [-]; e^3 to 1: strong
+SHAPE_CHANGE_LOG_ODDS = 3.0  # by which another shape must explain more than the stated one [-]; e^3 to 1: strong
 SHAPE_FACTOR = 1.6  # by which a shape may change from its grid value [1]: grids are coarser; heuristic
 WINDOW_REACH = 0.5  # [s] by which the ends of a window may move; heuristic
 SIZE_ROUNDS = 4  # times that the size of a recording law may grow by that factor again; heuristic

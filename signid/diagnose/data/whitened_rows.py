@@ -20,7 +20,7 @@ from .noise import Noise, has_full_window
 from .rows import RowTable
 from .whitening import Whitening, moving
 
-RIDGES = (1e-11, 1e-9, 1e-7, 1e-5)  # [1] added to a unit diagonal: the first with which the matrix can be factored
+PRECISION_RIDGES = (1e-11, 1e-9, 1e-7, 1e-5)  # [1] added to a unit diagonal: the first that lets the matrix be factored
 
 
 class Block(NamedTuple):
@@ -296,7 +296,7 @@ def join(which: Indices, fits: Sequence[Fitted]) -> Fitted:
 
 def _cholesky(scaled: Array) -> Array:
     """Cholesky factor of a matrix with a unit diagonal that may be slightly indefinite by rounding."""
-    for ridge in RIDGES:
+    for ridge in PRECISION_RIDGES:
         with suppress(np.linalg.LinAlgError):
             return np.asarray(np.linalg.cholesky(scaled + ridge * np.eye(len(scaled))))
     raise RecordingError(

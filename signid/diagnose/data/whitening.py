@@ -29,14 +29,14 @@ from .noise import Noise, has_full_window, whiten
 from .rows import RowTable
 from .thresholds import DIRECTION_WIDTH, DISCREPANCY_LENGTHS, DISCREPANCY_SCALE, FLAT_PRECISION
 
-FREQUENCIES = 40  # F, number of random frequencies. Heuristic
-SEED = 0  # seed of the random frequencies
+FREQUENCY_COUNT = 40  # F, number of random frequencies. Heuristic
+FEATURE_SEED = 0  # seed of the random frequencies
 
 # [1] grid of s, as a share of the joint's rms torque. Heuristic
-SIZE_GRID = (0.0, 0.001, 0.002, 0.004, 0.008, 0.015, 0.03, 0.06, 0.12, 0.25)
+DISCREPANCY_GRID = (0.0, 0.001, 0.002, 0.004, 0.008, 0.015, 0.03, 0.06, 0.12, 0.25)
 GRID_STRIDE = 3  # every 3rd size of the grid is evaluated first
 EM_STEPS = 8  # steps of expectation and maximisation, from a variance of 1. Heuristic
-RIDGE = 1e-10  # [1] added to the diagonal of the scaled precision, so that it can be factored
+PRIOR_ROOT_RIDGE = 1e-10  # [1] added to the diagonal of the scaled precision, so that it can be factored
 
 
 class Projection(NamedTuple):
@@ -61,8 +61,8 @@ def features(table: RowTable, joint: int) -> Array:
     turn = DIRECTION_WIDTH * max(float(np.sqrt(np.mean(v**2))), 1e-12)
     state = [table.q[:, joint], v, table.predicted[:, joint]]
     x = np.column_stack([*(_standardised(one) for one in state), np.tanh(v / turn)])
-    rng = np.random.default_rng(SEED)
-    frequency = rng.standard_normal((x.shape[1], FREQUENCIES)) / np.resize(DISCREPANCY_LENGTHS, FREQUENCIES)
+    rng = np.random.default_rng(FEATURE_SEED)
+    frequency = rng.standard_normal((x.shape[1], FREQUENCY_COUNT)) / np.resize(DISCREPANCY_LENGTHS, FREQUENCY_COUNT)
     angle = x @ frequency
     linear = np.column_stack([np.ones(len(x)), x])
     beyond = leave(np.column_stack([np.cos(angle), np.sin(angle)]), linear)
@@ -113,19 +113,19 @@ def estimate_discrepancy(white: Array, fitted: Array, precision: Array, residual
 
 def _maximise(at: Callable[[float], NoiseEstimate]) -> NoiseEstimate:
     """Highest point of the size grid: a coarse search, then an ascent over neighbours."""
-    found = {k: at(SIZE_GRID[k]) for k in range(0, len(SIZE_GRID), GRID_STRIDE)}
+    found = {k: at(DISCREPANCY_GRID[k]) for k in range(0, len(DISCREPANCY_GRID), GRID_STRIDE)}
     while True:
         best = max(found, key=lambda k: found[k].log)
-        near = [k for k in (best - 1, best + 1) if 0 <= k < len(SIZE_GRID) and k not in found]
+        near = [k for k in (best - 1, best + 1) if 0 <= k < len(DISCREPANCY_GRID) and k not in found]
         if not near:
             return found[best]
-        found |= {k: at(SIZE_GRID[k]) for k in near}
+        found |= {k: at(DISCREPANCY_GRID[k]) for k in near}
 
 
 def _prior_root(precision: Array) -> Array:
     """(k, k) [unit of each coefficient] root R of a prior covariance: a = R u with u ~ N(0, I)."""
     size = np.sqrt(np.maximum(np.diag(precision), 1e-300))
-    lower = np.linalg.cholesky(precision / size / size[:, None] + RIDGE * np.eye(len(precision)))
+    lower = np.linalg.cholesky(precision / size / size[:, None] + PRIOR_ROOT_RIDGE * np.eye(len(precision)))
     return np.asarray(np.linalg.inv(lower).T / size[:, None])
 
 

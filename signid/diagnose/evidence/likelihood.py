@@ -14,13 +14,13 @@ from ...types import Array, Frozen, Indices
 from ..data.column_groups import Group
 from ..data.dataset import Dataset
 from ..data.noise import Noise, measure_noise, noise_of_misfit, noise_of_rest
-from ..data.thresholds import MIN_FLOOR, MISFIT_GROWTH, RELEVANT_DROP
+from ..data.thresholds import MIN_FLOOR_SHARE, MISFIT_GROWTH, RELEVANT_FLOOR_SHARE
 from ..data.whitened_rows import columns_of, solve
 from ..data.whitening import NoiseEstimate, Whitening, estimate_discrepancy, features
 from .selection import Selection
 
-NEGLIGIBLE = 12.0  # [-] scales k whose log density is this much below the highest are skipped: factor e^-12
-MIN_FREE = 0.1  # [1] lower bound of the free rows of a fit, as a share of all rows. Heuristic
+NEGLIGIBLE_LOG_DENSITY = 12.0  # [-] scales k whose log density is this much below the highest are skipped: factor e^-12
+MIN_FREE_SHARE = 0.1  # [1] lower bound of the free rows of a fit, as a share of all rows. Heuristic
 
 
 def update_noise(dataset: Dataset, selection: Selection) -> Noise:
@@ -34,7 +34,7 @@ def update_noise(dataset: Dataset, selection: Selection) -> Noise:
     if dataset.model.misfit is not None:
         return _grown(dataset, selection, dataset.model.misfit)
     noise = update_joints(dataset, selection, range(dataset.table.joints))
-    if not np.any(noise.floor < RELEVANT_DROP * noise.saturated_floor):
+    if not np.any(noise.floor < RELEVANT_FLOOR_SHARE * noise.saturated_floor):
         return noise
     data, table, band = selection.data, dataset.table, dataset.task.band
     fit = selection.fit()
@@ -42,7 +42,7 @@ def update_noise(dataset: Dataset, selection: Selection) -> Noise:
     rest = replace(table, residual=table.residual - np.column_stack([x + np.zeros(len(table)) for x in named]))
     first = measure_noise(rest, dataset.periods, band.rate / band.factor)
     least = np.minimum(noise.saturated_floor, first.floor)
-    raised = np.maximum(1.0, MIN_FLOOR * least / noise.floor)
+    raised = np.maximum(1.0, MIN_FLOOR_SHARE * least / noise.floor)
     return replace(noise, saturated_floor=least, floor=raised * noise.floor, innovation=raised * noise.innovation)
 
 
@@ -70,7 +70,7 @@ def update_joints(dataset: Dataset, selection: Selection, joints: Sequence[int],
             if last:
                 floor[j], innovation[j] = np.sqrt(here.variance) * np.array([floor[j], innovation[j]])
             else:
-                free = 1 / np.sqrt(max(1 - used, MIN_FREE))
+                free = 1 / np.sqrt(max(1 - used, MIN_FREE_SHARE))
                 floor[j], coefficients[j], innovation[j] = noise_of_rest(dataset.table, j, rest, float(free))
         noise = replace(noise, floor=floor, coefficients=coefficients, innovation=innovation, discrepancy=size)
     return noise
@@ -127,7 +127,7 @@ class Likelihood(Frozen):
         evidence = self.selection.evidence
         some = [replace(self.selection, selected=selected, prior_scale=scale) for scale in evidence.scales.tolist()]
         logs = np.tile([self._log(rest, self.dataset.noise, joints) for rest in some], (2, 1))
-        for k in np.flatnonzero(logs[0] > logs[0].max() - NEGLIGIBLE):
+        for k in np.flatnonzero(logs[0] > logs[0].max() - NEGLIGIBLE_LOG_DENSITY):
             logs[1, k] = self._log(some[k], self._most_likely(some[k], joints), joints)
         present, changed = logsumexp(logs + evidence.scale_prior, axis=1).tolist()
         return float(max(0.0, changed - present))

@@ -16,7 +16,7 @@ from ..data.thresholds import FLAT_PRECISION, SELECTED_SIZE
 from ..data.whitened_rows import Block, Fitted, Gram, Whitened, columns_of, join, mean_products, solve, total
 from .prior import CoefficientPrior, StatedPrior, coefficient_prior
 
-MIN_SCALE = 1e-9  # [1] lower bound of the prior scale k, so that its inverse exists
+MIN_PRIOR_SCALE = 1e-9  # [1] lower bound of the prior scale k, so that its inverse exists
 
 Arguments = ParamSpec("Arguments")
 Value = TypeVar("Value")
@@ -170,7 +170,7 @@ class LinearModel(Frozen):
             here = np.flatnonzero(np.isin(which, self.stated_prior.columns))
             there = np.searchsorted(self.stated_prior.columns, which[here])
             information = self.stated_prior.information[np.ix_(there, there)]
-            out[np.ix_(here, here)] += information / max(prior_scale, MIN_SCALE) ** 2
+            out[np.ix_(here, here)] += information / max(prior_scale, MIN_PRIOR_SCALE) ** 2
         return out
 
     @cached(np.inf)

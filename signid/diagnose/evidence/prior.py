@@ -17,8 +17,8 @@ from ..data import thresholds as tuned
 from ..data.column_groups import Group
 from ..data.hypotheses import Hypothesis
 
-RIDGE = 1e-9  # [1] added to the diagonal of the scaled covariance, so that it can be inverted
-RANK = 1e-10  # [1] smallest eigenvalue that counts, over the largest; 1e-6 cuts off the cubic of a cable
+SCALED_RIDGE = 1e-9  # [1] added to the diagonal of the scaled covariance, so that it can be inverted
+PRIOR_RANK_TOLERANCE = 1e-10  # [1] smallest eigenvalue over the largest; 1e-6 cuts off the cubic of a cable
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ def coefficient_prior(hypothesis: Hypothesis, square: Array) -> CoefficientPrior
         return CoefficientPrior(np.diag(lever / np.sqrt(lever**2 @ size**2)), 0.0, _positive(hypothesis))
     size = np.where(size < 1e-9 * size.max(), np.inf, size)
     values, vectors = np.linalg.eigh(square / size / size[:, None])
-    kept = values > RANK * values[-1]
+    kept = values > PRIOR_RANK_TOLERANCE * values[-1]
     spread = vectors * np.where(kept, 1 / np.sqrt(np.where(kept, values, 1)), 0) / size[:, None] / np.sqrt(kept.sum())
     return CoefficientPrior(spread, 0.0, _positive(hypothesis))
 
@@ -62,7 +62,7 @@ def log_prior(hypothesis: Hypothesis, places: int, kinds: int, unknowns: int) ->
     common = min(x.common or (1.0 if x.name in LISTED_LAWS else tuned.ADDED_FREQUENCY) for x in effects)
     one = hypothesis.laws[0]
     if one.effect.scope == "any" and len(one.joints) == 1:
-        common *= tuned.SINGLE_JOINT
+        common *= tuned.ONE_JOINT_FACTOR
     return float(np.log((1 - tuned.PRIOR_UNKNOWN) * (1 - tuned.PRIOR_NOTHING) * common / kinds / places))
 
 
@@ -101,7 +101,7 @@ def stated_prior(model: Model, groups: Sequence[Group]) -> StatedPrior | None:
     places = np.array([columns[label] for label, yes in zip(own.labels, there, strict=True) if yes], dtype=np.intp)
     covariance = own.matrix[np.ix_(rows, rows)]
     size = np.sqrt(np.diag(covariance))
-    inverse = np.linalg.inv(covariance / size / size[:, None] + RIDGE * np.eye(len(size))) / size / size[:, None]
+    inverse = np.linalg.inv(covariance / size / size[:, None] + SCALED_RIDGE * np.eye(len(size))) / size / size[:, None]
     order = np.argsort(places)
     information = (combination.T @ inverse @ combination)[np.ix_(order, order)]
     return StatedPrior(places[order], information)

@@ -18,8 +18,8 @@ from ..data.whitened_rows import Fitted, Whitened, mean_products
 from .bayes_factors import Evidence
 from .prior import coefficient_prior, log_prior
 
-Columns = Mapping[int, Array]
-Checks = list[tuple[Array, bool]]  # coefficients (d,) [kg, kg.m, kg.m2] of changes of a body, and whether possible
+GroupColumns = Mapping[int, Array]
+BodyChecks = list[tuple[Array, bool]]  # coefficients (d,) [kg, kg.m, kg.m2] of changes of a body, and whether possible
 
 
 class Odds(NamedTuple):
@@ -53,7 +53,7 @@ class Posterior(Frozen):
     kinds: int  # number of effects of the library, without those left out
     carried: tuple[int, ...]  # (n,) body that each joint moves
     bodies: StatedBodies | None = None  # bodies of the simulation; None: any change of them counts as possible
-    feasibility: dict[Group, Checks] = field(default_factory=dict, init=False)
+    feasibility: dict[Group, BodyChecks] = field(default_factory=dict, init=False)
 
     @cached_property
     def keys(self) -> dict[Key, list[int]]:
@@ -89,7 +89,7 @@ class Posterior(Frozen):
         return {key: self._prior(groups[which[0]].claim) for key, which in self.keys.items()}
 
     def candidate_log_odds(
-        self, fit: Fitted, dispersion: Array, hypothesis: Hypothesis, torque: Columns, white: Columns
+        self, fit: Fitted, dispersion: Array, hypothesis: Hypothesis, torque: GroupColumns, white: GroupColumns
     ) -> float | None:
         """Log posterior odds of a hypothesis whose columns are not in the dataset; None if its columns are zero.
 

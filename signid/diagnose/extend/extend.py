@@ -19,9 +19,9 @@ from ..data.hypotheses import is_refitted
 from ..data.whitened_rows import Fitted, columns_of
 
 PRIOR_WEIGHTS = (0.01, 1.0)  # weights of the stated bodies where torque shows nothing, tried in turn [1]; heuristic
-ABSURD_MASS = 5.0  # mass over stated mass plus step beyond which the larger weight is used [1]; heuristic
-RELATIVE_STD, ABSOLUTE_STD = 1e-6, 1e-12  # least std of a base parameter, relative and absolute: conditions the inverse
-CHANGES = ("link_inertia", "payload")  # laws that change a body
+MAX_MASS_RATIO = 5.0  # mass over stated mass plus step beyond which the larger weight is used [1]; heuristic
+MIN_RELATIVE_STD, MIN_ABSOLUTE_STD = 1e-6, 1e-12  # of a base parameter: condition the inverse
+BODY_CHANGE_EFFECTS = ("link_inertia", "payload")  # laws that change a body
 OTHER_BODY_STD = 0.1  # std of the other bodies, over their tolerance, in the same projection [1]; heuristic
 
 
@@ -72,7 +72,7 @@ def _positive(law: Law) -> tuple[Law, ...]:
 
 def _with_consistent_bodies(given: Model, model: Model, spread: Array, base: BaseMap | None) -> Model:
     """Replace body laws that make consistent bodies inconsistent by the nearest consistent bodies."""
-    changes = [law for law in model.laws if law.effect.name in CHANGES]
+    changes = [law for law in model.laws if law.effect.name in BODY_CHANGE_EFFECTS]
     total = model.whole_inertials() if changes else model.inertials
     if not changes or is_possible(given.whole_inertials(), total):
         return model
@@ -89,7 +89,7 @@ def _changed_spread(model: Model, fit: Fitted, added: Mapping[Group, Sequence[La
     spread = np.diag(OTHER_BODY_STD**2 * tolerance(model).ravel() ** 2)
     for group in added:
         law = group.claim.laws[0]
-        if law.effect.name in CHANGES:
+        if law.effect.name in BODY_CHANGE_EFFECTS:
             own, numbers = fit.place(group), group.claim.numbers
             at = 10 * own_body(model.robot, law.joints[0]) + np.arange(len(numbers))
             spread[np.ix_(at, at)] += numbers @ fit.covariance[own, own] @ numbers.T
@@ -183,7 +183,7 @@ def move_bodies(base: BaseMap, inertials: Array, step: Array, covariance: Array)
         return inertials + step
     for weight in PRIOR_WEIGHTS:
         bodies = nearest_bodies(base, inertials, step, covariance, weight).parameters.bodies()
-        if np.all(bodies[:, 0] < ABSURD_MASS * (inertials[:, 0] + np.abs(step[:, 0]))):
+        if np.all(bodies[:, 0] < MAX_MASS_RATIO * (inertials[:, 0] + np.abs(step[:, 0]))):
             break
     return bodies
 
@@ -198,7 +198,7 @@ def nearest_bodies(
     weight: of the stated bodies in directions that torque does not show [1].
     """
     value, spread = base.combination @ (inertials + step).ravel(), base.combination @ covariance @ base.combination.T
-    spread = spread + np.diag((RELATIVE_STD * np.abs(value) + ABSOLUTE_STD) ** 2)
+    spread = spread + np.diag((MIN_RELATIVE_STD * np.abs(value) + MIN_ABSOLUTE_STD) ** 2)
     size = np.sqrt(np.diag(spread))
     information = np.linalg.pinv(spread / size / size[:, None], rcond=1e-10, hermitian=True) / size / size[:, None]
     estimate = Estimate(value, spread, information, np.zeros(len(base.sees)), ())

@@ -19,12 +19,12 @@ from ..data.hypotheses import Key
 from ..evidence.likelihood import Likelihood
 from ..evidence.selection import Odds, Posterior, Selection
 from ..search.contributions import Contributions, measure_contributions, steadiness
-from ..search.stepwise import SEARCH, is_admissible, is_applicable, present_laws, resolved_violations
+from ..search.stepwise import LAW_SEARCH, is_admissible, is_applicable, present_laws, resolved_violations
 from . import thresholds as tuned
 from .thresholds import COMPARED_LOG_ODDS, SAME_TORQUE_CHI2
 
 _OddsBeside = tuple[Array, Mapping[Key, Odds]]  # (n,) variance of the whitened residual, odds beside all selected laws
-CLIP = 500.0  # log odds beyond which a probability is 0 or 1 in double precision [-]
+DECISIVE_LOG_ODDS = 500.0  # log odds beyond which a probability is 0 or 1 in double precision [-]
 
 
 def limit_in_step(dataset: Dataset, contenders: Collection[Contender]) -> tuple[Contender, ...]:
@@ -32,7 +32,7 @@ def limit_in_step(dataset: Dataset, contenders: Collection[Contender]) -> tuple[
     v = np.concatenate([piece.motion.v for piece in dataset.pieces])
     joints = {joint for group in in_step(v.T @ v / len(v)) for joint in group}
     return tuple(
-        replace(one, steadiness=min(one.steadiness, tuned.MOST_IN_STEP)) if _follows(one.group, joints) else one
+        replace(one, steadiness=min(one.steadiness, tuned.MAX_IN_STEP_LOG_ODDS)) if _follows(one.group, joints) else one
         for one in contenders
     )
 
@@ -61,9 +61,9 @@ def replace_weak(dataset: Dataset, selection: Selection) -> tuple[Selection, tup
     dropped = set[Key]()  # these do not come back
     for _ in range(tuned.REPLACEMENT_ROUNDS):
         contenders = rank_contenders(dataset, selection)
-        least = tuned.LEAST_PROBABILITY
+        least = tuned.CAUSE_PROBABILITY
         weak = [one for one in contenders if one.probability + one.unknown < least or one.instead is not None]
-        if time_is_up(SEARCH) or not weak:
+        if time_is_up(LAW_SEARCH) or not weak:
             return selection, contenders
         worst = min(weak, key=lambda contender: contender.probability)
         rest, rival = selection.without(worst.group), worst.instead
@@ -93,14 +93,14 @@ class _Ranking(Frozen):
         energy = residual_energies(selection.posterior, group, odds, self._contributions)
         for key in (key for key, o in odds.items() if o.best.claim.unknown):
             logs[key] -= tuned.FORMULA_ERROR**2 / 2 * energy[own]
-        limit = max(tuned.RIVAL_SHARE * energy[own], tuned.SAME_TORQUE_CHI2)
+        limit = max(tuned.RIVAL_RESIDUAL_SHARE * energy[own], tuned.SAME_TORQUE_CHI2)
         same = {key for key, x in energy.items() if key != own and x <= limit}
         at_scale = self._in_place(group, self._beside[1])[1] if len(self._beside) > 1 else {}
         if own in logs and own in at_scale:
             logs |= {key: logs[own] + at_scale[key] - at_scale[own] for key in same & at_scale.keys()}
         logs = _admissible(rest, odds, logs, own)
         shares = dict(zip(logs, softmax(list(logs.values())).tolist(), strict=True))
-        any_law = 1 / (1 + float(np.exp(-np.clip(evidence, -CLIP, CLIP))))
+        any_law = 1 / (1 + float(np.exp(-np.clip(evidence, -DECISIVE_LOG_ODDS, DECISIVE_LOG_ODDS))))
         probability = {key: any_law * share for key, share in shares.items()}
         least, same_torque = tuned.LISTED_PROBABILITY, tuned.SAME_TORQUE_CHI2
         near = {k for k in same & shares.keys() if probability[k] > least or energy[k] < same_torque}
@@ -117,7 +117,7 @@ class _Ranking(Frozen):
 
     def _penalty(self, group: Group, rest: Selection) -> float:
         """Log odds that a law loses because noise and discrepancy may explain its torque; 0 for a violated link [-]."""
-        certain = time_is_up(SEARCH) or resolved_violations(self.selection, rest, group)
+        certain = time_is_up(LAW_SEARCH) or resolved_violations(self.selection, rest, group)
         return 0.0 if certain else self._likelihood.penalty(group)
 
     def _in_place(self, group: Group, beside: _OddsBeside) -> tuple[dict[Key, Odds], dict[Key, float]]:
@@ -155,7 +155,7 @@ def _replacement(odds: Mapping[Key, Odds], probability: Mapping[Key, float], own
     """Most probable rival with a law, if it is clearly more probable than the selected law."""
     others = {key: x for key, x in probability.items() if key != own and not odds[key].best.claim.unknown}
     first = max(others, key=lambda key: others[key], default=own)
-    needed = max(tuned.REPLACEMENT_RATIO * probability.get(own, 0.0), tuned.LEAST_PROBABILITY)
+    needed = max(tuned.REPLACEMENT_RATIO * probability.get(own, 0.0), tuned.CAUSE_PROBABILITY)
     return odds[first].best if others.get(first, 0.0) > needed else None
 
 
@@ -221,7 +221,7 @@ class Contender(Frozen):
 
     @property
     def _any_law(self) -> float:
-        return 1 / (1 + float(np.exp(-np.clip(self.log, -CLIP, CLIP))))
+        return 1 / (1 + float(np.exp(-np.clip(self.log, -DECISIVE_LOG_ODDS, DECISIVE_LOG_ODDS))))
 
 
 def residual_energies(

@@ -24,7 +24,7 @@ from ...types import Array, Frozen, Law, Shape
 from ..data.column_groups import Group
 from ..data.dataset import Dataset
 from ..data.estimated_gains import EstimatedGain
-from ..data.hypotheses import VARIABLES
+from ..data.hypotheses import VARIABLE_NAMES
 from ..data.locate import Location, locate
 from ..data.thresholds import FIRST_LOG_ODDS, NEXT_LOG_ODDS
 from ..evidence.selection import Selection
@@ -34,28 +34,28 @@ from ..search.stepwise import required_log_odds
 from .alternatives import Contender
 from .held_out_selection import ExtendedSimulation, select_on_held_out
 from .intervals import extended_covariance, standard_deviations
-from .ordinary import FORMS, beside_wrong_bodies, block_of, ordinary_findings, softened, without_vague
+from .ordinary import FORM_EFFECTS, beside_wrong_bodies, block_of, ordinary_findings, softened, without_vague
 from .stated import body_finding, reported_laws, stated_number_findings, stated_numbers, torque_share, total_law
 from .thresholds import (
-    AMBIGUOUS,
-    LEAST_PROBABILITY,
-    PLAUSIBLE,
-    SAID,
-    SEPARATED,
-    SEPARATED_PER_FINDING,
-    UNSURE,
-    VAGUE_STD,
+    AMBIGUOUS_WORDS,
+    CAUSE_PROBABILITY,
+    CHANGED_PROBABILITY,
+    MAX_MOTIONS,
+    MOTIONS_PER_FINDING,
+    PLAUSIBLE_PROBABILITY,
+    SURE_PROBABILITY,
+    VAGUE_DEVIATIONS,
 )
 from .verdict import Verdict, undecided_words
 
-VAGUE = "its numbers could all be zero"
+VAGUE_LAW = "its numbers could all be zero"
 TOO_FEW = "the rows are too few to hold any out"
 UNSUPPORTED = "the held-out recordings are not predicted better with it"
-UNCAUSED = "the causes of the mismatch were not found, so the simulation stays as it was given"
+UNCAUSED_FLAG = "the causes of the mismatch were not found, so the simulation stays as it was given"
 Deviations = Mapping[Group, Sequence[Mapping[str, float]]]  # standard deviations of the numbers of each law
-SEARCH, UNSOUGHT = "the search for motions that separate alternatives", "not searched for: time was up"
-MOTIONS, DURATION, RATE = 6, 8.0, 50.0  # random ones, [s], [Hz]
-HARMONICS, AMPLITUDE = 5, (0.3, 0.9)  # least and most share of the limits
+MOTION_SEARCH, UNSEARCHED_NOTE = "the search for motions that separate alternatives", "not searched for: time was up"
+TRIED_MOTIONS, MOTION_DURATION, MOTION_RATE = 6, 8.0, 50.0  # random ones, [s], [Hz]
+MOTION_HARMONICS, AMPLITUDE_SHARES = 5, (0.3, 0.9)  # least and most share of the limits
 
 
 class Conclusions(NamedTuple):
@@ -106,14 +106,14 @@ def conclude(
         find = stated_number_findings if known or verdict.name == "unknown" else body_finding
         stated = list(find(dataset, session, selection, extended))
         findings = [*stated, *findings]
-        if find is body_finding and stated or known and any(finding.probability > SAID for finding in stated):
+        if find is body_finding and stated or known and any(one.probability > CHANGED_PROBABILITY for one in stated):
             verdict = replace(verdict, name="named")
     gains = [law.joints[0] for law in ordinary if isinstance(law.effect, EstimatedGain)]
     added = [law for law in ordinary if not isinstance(law.effect, EstimatedGain)]
     if usual or gains:
         findings = [beside_wrong_bodies(finding, dataset.table.joints, gains) for finding in findings]
     if usual:
-        findings = [softened(replace(x, ordinary=x.law.effect.name in FORMS)) for x in findings]
+        findings = [softened(replace(x, ordinary=x.law.effect.name in FORM_EFFECTS)) for x in findings]
         findings = sorted([*findings, *usual], key=lambda finding: (finding.ordinary, finding.role != "cause"))
         prediction = without_vague(session, prediction, added, usual)
     judged = prediction
@@ -121,7 +121,7 @@ def conclude(
         prediction = predict(session, given)
         known = selection.evidence.informed or selection.prior_scale > 1  # else bodies deviate as they usually do
         judged = prediction if known else judged
-        findings = [replace(finding, in_model=False, refused=finding.refused or UNCAUSED) for finding in findings]
+        findings = [replace(finding, in_model=False, refused=finding.refused or UNCAUSED_FLAG) for finding in findings]
     floor, scale = selection.data.floor, selection.data.scale
     given_residual = dataset.table.residual.copy()
     for law in (law for law in ordinary if law not in given.laws):
@@ -155,7 +155,7 @@ def _with_held_out(contender: Contender, extended: ExtendedSimulation, stds: Dev
 
 def _revised(verdict: Verdict, contenders: Sequence[Contender], extended: ExtendedSimulation, reused: bool) -> Verdict:
     """Revise the verdict by the held-out rows: drop improbable laws, promote corrections, demote causes."""
-    weak = {contender.group for contender in contenders if contender.probability < LEAST_PROBABILITY}
+    weak = {contender.group for contender in contenders if contender.probability < CAUSE_PROBABILITY}
     for group in () if reused else (*verdict.causes, *verdict.secondary):
         refused = group not in extended.kept and extended.log_bayes[group] <= 0
         if refused and verdict.is_quiet(verdict.contributions.data.rows(group)):
@@ -166,7 +166,7 @@ def _revised(verdict: Verdict, contenders: Sequence[Contender], extended: Extend
 def _is_vague(law: Law, std: Mapping[str, float]) -> bool:
     """Whether every coefficient of a law is near zero, for its standard deviation."""
     keys = law.effect.linear()
-    return bool(keys) and all(abs(law.parameters[key]) < VAGUE_STD * std.get(key, 0.0) for key in keys)
+    return bool(keys) and all(abs(law.parameters[key]) < VAGUE_DEVIATIONS * std.get(key, 0.0) for key in keys)
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +183,7 @@ class _Reporter(Frozen):
 
     def findings(self, contenders: Sequence[Contender]) -> Iterator[Finding]:
         """One finding for each law of some hypotheses, with a limited number of separating motions."""
-        left = SEPARATED
+        left = MAX_MOTIONS
         for contender in contenders:
             for law, std in zip(self.extended.laws[contender.group], self.stds[contender.group], strict=True):
                 rivals = tuple(self.alternatives(contender, law, left))
@@ -209,27 +209,27 @@ class _Reporter(Frozen):
             role="cause" if group in self.causes else "secondary",
             probability=contender.probability,
             torque_share=share,
-            where=_place(dataset, joint, torque[joint], VARIABLES if timed else VARIABLES[:-1]),
+            where=_place(dataset, joint, torque[joint], VARIABLE_NAMES if timed else VARIABLE_NAMES[:-1]),
             statistic=float(selection.log_odds[group]),
             threshold=required_log_odds(selection.posterior, group, float(selection.prior_scale == 0), 0, usual),
             held_out_gain=self.extended.gain[group],
             alternatives=rivals,
             stated=stated_numbers(dataset.model, whole),
             in_model=in_model,
-            refused="" if in_model else VAGUE if _is_vague(law, std) else TOO_FEW if self.reused else UNSUPPORTED,
+            refused="" if in_model else VAGUE_LAW if _is_vague(law, std) else TOO_FEW if self.reused else UNSUPPORTED,
         )
 
     def alternatives(self, contender: Contender, law: Law, most: int) -> Iterator[Alternative]:
         """Rivals of a law, the most probable first; at most `most` plausible ones with a separating motion."""
-        model, floor, most = self.dataset.model, self.selection.data.floor, min(most, SEPARATED_PER_FINDING)
+        model, floor, most = self.dataset.model, self.selection.data.floor, min(most, MOTIONS_PER_FINDING)
         for k, (probability, group) in enumerate(contender.rivals.values()):
             for rival in group.claim.laws[:1]:
-                sought = k < most and probability > PLAUSIBLE
+                sought = k < most and probability > PLAUSIBLE_PROBABILITY
                 motion = tell_apart(model, law, rival, floor, self.seed) if sought else ""
                 yield Alternative(rival, probability, motion)
 
 
-def _place(dataset: Dataset, joint: int, torque: Array, variables: Sequence[str] = VARIABLES) -> Location:
+def _place(dataset: Dataset, joint: int, torque: Array, variables: Sequence[str] = VARIABLE_NAMES) -> Location:
     return locate(dataset.table, joint, torque, bool(dataset.model.robot.prismatic[joint]), variables)
 
 
@@ -267,11 +267,11 @@ def _flags(
         yield f"{shorten(out)} {explain} the training recordings, {why}: {are} not in the extended simulation"
     for finding in findings:
         named_above = not finding.in_model
-        unsure = finding.probability < UNSURE and not named_above and not finding.ordinary
+        unsure = finding.probability < SURE_PROBABILITY and not named_above and not finding.ordinary
         if finding.role == "cause" and unsure and verdict.name == "named":
             rivals = ", ".join(f"{law_name(a.law, robot)} ({a.probability:.0%})" for a in finding.alternatives[:3])
             yield (
-                f"{law_name(finding.law, robot)} {AMBIGUOUS} "
+                f"{law_name(finding.law, robot)} {AMBIGUOUS_WORDS} "
                 f"({finding.probability:.0%}); the others: {rivals or 'no effect of the library'}"
             )
 
@@ -281,8 +281,8 @@ def tell_apart(model: Model, law: Law, rival: Law, floor: Array, seed: int) -> s
 
     Source: T-optimality, Atkinson, Fedorov, Biometrika 62(1), 1975.
     """
-    if time_is_up(SEARCH):
-        return UNSOUGHT
+    if time_is_up(MOTION_SEARCH):
+        return UNSEARCHED_NOTE
     tried = [(*_distance(law, rival, floor, motion), motion) for motion in _motions(model, seed)]
     left, share, motion = max(tried, key=lambda t: t[0])
     if max(s for _, s, _ in tried) < EQUAL_LAW_SHARE:
@@ -294,7 +294,7 @@ def tell_apart(model: Model, law: Law, rival: Law, floor: Array, seed: int) -> s
     q, v = motion.q[:, joint], motion.v[:, joint]
     return (
         f"{model.robot.joints[joint]} from {q.min():.2g} to {q.max():.2g} {unit} at up to {np.abs(v).max():.2g} "
-        f"{unit}/s, all joints moving: a random motion of {DURATION:g} s sets them {np.sqrt(left):.2g} standard "
+        f"{unit}/s, all joints moving: a random motion of {MOTION_DURATION:g} s sets them {np.sqrt(left):.2g} standard "
         f"deviations apart; signid excite ROBOT --separate {names} finds a better one"
     )
 
@@ -307,10 +307,10 @@ def _is_wider(rival: Law, law: Law) -> bool:
 
 def _motions(model: Model, seed: int) -> list[Motion]:
     robot, rng = model.robot, np.random.default_rng(seed)
-    limits, t = build_limits(robot), np.arange(int(DURATION * RATE)) / RATE
-    family = Fourier(DURATION, HARMONICS, 1 / DURATION)
+    limits, t = build_limits(robot), np.arange(int(MOTION_DURATION * MOTION_RATE)) / MOTION_RATE
+    family = Fourier(MOTION_DURATION, MOTION_HARMONICS, 1 / MOTION_DURATION)
     basis = family.basis(t)
-    drawn = (random_parameters(basis, limits, rng, AMPLITUDE) for _ in range(MOTIONS))
+    drawn = (random_parameters(basis, limits, rng, AMPLITUDE_SHARES) for _ in range(TRIED_MOTIONS))
     return [with_torque(model, family.sample(robot.joints, x, t)) for x in drawn]
 
 

@@ -18,11 +18,11 @@ from ...types import Array, Law
 from ..data.noise import Noise
 from ..extend.holdout import Prediction, ResidualRows, fit_of, predict
 from ..result import Unexplained
-from ..search.stepwise import SEARCH
+from ..search.stepwise import LAW_SEARCH
 from .findings import Conclusions
-from .thresholds import CORRELATED_ROWS, EMPIRICAL_GAIN, FARTHER, FEWEST, LOUD, SURE, WORSE
+from .thresholds import CORRELATED_ROWS, EMPIRICAL_GAIN, LOUD_RATIO, MIN_WINDOWS, SURE_ERRORS, WORSE_RMS, WORSE_ROLLOUT
 
-FALLBACK = (
+FALLBACK_FLAG = (
     "the search was cut short, and with the laws found so far the held-out torque of {} is predicted worse than by the "
     "given simulation: model.json holds the given simulation and the findings are leads; diagnose again with more time"
 )
@@ -57,14 +57,14 @@ def keep_given_if_worse(given: Prediction, result: Conclusions, noise: Noise, fl
 
     floor: (n,) [N.m or N] rms of white measurement noise in the band.
     """
-    if not time_is_up(SEARCH):
+    if not time_is_up(LAW_SEARCH):
         return result
     before, after = fit_of(given, noise, floor), fit_of(result.prediction, noise, floor)
     worse = [joint for k, joint in enumerate(after.joints) if _is_worse(before, after, k)]
     if not worse:
         return result
     unexplained = tuple(replace(one, modelled=False) for one in result.unexplained)
-    flag = FALLBACK.format(", ".join(worse))
+    flag = FALLBACK_FLAG.format(", ".join(worse))
     return result._replace(prediction=given, unexplained=unexplained, flags=(*result.flags, flag))
 
 
@@ -77,7 +77,7 @@ def holdout_warnings(before: Fit, after: Fit) -> Iterator[str]:
                 f"the torque of {joint} on held-out recordings is predicted worse than before "
                 f"({then:.3g} -> {now:.3g} {after.unit[k]}): do not use the extended simulation for it"
             )
-        elif after.held_out_r2[k] < MIN_R2 and now > LOUD * after.irreducible_rms[k]:
+        elif after.held_out_r2[k] < MIN_R2 and now > LOUD_RATIO * after.irreducible_rms[k]:
             yield (
                 f"the extended simulation still predicts little of the torque of {joint} on held-out recordings "
                 f"(R2 {after.held_out_r2[k]:.2f}): what is missing there was not found"
@@ -86,7 +86,7 @@ def holdout_warnings(before: Fit, after: Fit) -> Iterator[str]:
 
 def _is_worse(before: Fit, after: Fit, k: int) -> bool:
     now = after.held_out_rms[k]
-    return bool(now > WORSE * before.held_out_rms[k] and now > LOUD * after.irreducible_rms[k])
+    return bool(now > WORSE_RMS * before.held_out_rms[k] and now > LOUD_RATIO * after.irreducible_rms[k])
 
 
 def _empirical_law(rows: ResidualRows, one: Unexplained) -> Law:
@@ -109,8 +109,8 @@ def _columns(rows: ResidualRows, law: Law) -> Array:
 def rollout_warnings(before: RollOut | None, after: RollOut | None) -> Iterator[str]:
     """One sentence for each joint whose simulation by the extended model leaves the held-out motion faster.
 
-    A joint counts where its median error at the end of the windows grew by the factor `FARTHER`, and the mean log ratio
-    over windows is positive by `SURE` standard errors.
+    A joint counts where its median error at the end of the windows grew by the factor `WORSE_ROLLOUT`, and the mean log
+    ratio over windows is positive by `SURE_ERRORS` standard errors.
     """
     if before is None or after is None:
         return
@@ -118,10 +118,10 @@ def rollout_warnings(before: RollOut | None, after: RollOut | None) -> Iterator[
     errors = [np.clip(np.abs(one.end(horizon)), 1e-12, 1e12) for one in (before, after)]
     for k, joint in enumerate(after.joints):
         first, last = (error[:, k] for error in errors)
-        if len(first) < FEWEST or np.isnan(last).any():
+        if len(first) < MIN_WINDOWS or np.isnan(last).any():
             continue
         ratio, grown = np.log(last / first), float(np.median(last) / np.median(first))
-        if grown > FARTHER and ratio.mean() > SURE * ratio.std() / np.sqrt(len(ratio)):
+        if grown > WORSE_ROLLOUT and ratio.mean() > SURE_ERRORS * ratio.std() / np.sqrt(len(ratio)):
             yield (
                 f"the extended simulation leaves the held-out motion of {joint} faster than the given one (median "
                 f"error of roll-outs of {horizon:g} s: {grown:.2f} times); simulate {joint} with care, and record more "

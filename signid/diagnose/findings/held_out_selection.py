@@ -19,7 +19,7 @@ from ..data.whitened_rows import Fitted, columns_of
 from ..evidence.selection import Selection
 from ..extend.extend import extend, read_laws
 from ..extend.holdout import Prediction, ResidualRows, predict, residual_rows
-from ..search.stepwise import SEARCH
+from ..search.stepwise import LAW_SEARCH
 from . import thresholds as tuned
 
 RefitBlock = tuple[Group, ...]  # stated numbers that are refitted together: all bodies, or the laws of some joints
@@ -136,10 +136,10 @@ def select_on_held_out(
     first = frozenset({block} if block else ())
     separate, joint = Extension(tuple(order), first), Extension(tuple(order), first, joint_fit=True)
     chosen, scores = _select(trials, joint)
-    if not time_is_up(SEARCH):
+    if not time_is_up(LAW_SEARCH):
         other, given = _select(trials, separate), trials.held_out(Extension((), first))
         better = error_change(trials.held_out(other[0]), given) - error_change(trials.held_out(chosen), given)
-        chosen, scores = other if better < -tuned.LEAST_GAIN else (chosen, scores)
+        chosen, scores = other if better < -tuned.MIN_REFIT_GAIN else (chosen, scores)
     return ExtendedSimulation(
         laws={**trials.laws(separate), **trials.laws(chosen)},
         prediction=predict(session, as_given(trials.build(chosen)[0])),
@@ -155,7 +155,7 @@ def error_change(rows: ResidualRows, other: ResidualRows, errors: float = 1.0) -
 
     Joints that are predicted worse, or not better by `errors` standard errors, have more weight.
     """
-    least, out = tuned.LEAST_RESIDUAL**2 * _mean_square(rows.torque), 0.0
+    least, out = tuned.MIN_RESIDUAL_RATIO**2 * _mean_square(rows.torque), 0.0
     for j in range(rows.residual.shape[1]):
         both = np.isfinite(rows.residual[:, j]) & np.isfinite(other.residual[:, j])
         after, before = rows.residual[both, j] ** 2, other.residual[both, j] ** 2
@@ -179,7 +179,7 @@ def _select(trials: Trials, start: Extension) -> tuple[Extension, Scores]:
     refitted = _refitted(trials, chosen)
     if refitted == chosen:
         return chosen, scores
-    kept, beside = _pruned(trials, refitted, {}, tuned.SAME_PREDICTION)
+    kept, beside = _pruned(trials, refitted, {}, tuned.EQUAL_PREDICTION_GAIN)
     for group, one in beside.items():
         if group not in kept.kept or one.log_bayes > scores[group].log_bayes:
             scores[group] = one
@@ -194,12 +194,12 @@ def _pruned(trials: Trials, chosen: Extension, scores: Scores, tolerated: float 
     while True:
         now = {group: _score(trials, chosen, group) for group in chosen.kept}
         scores = {**scores, **now}
-        least = tuned.LEAST_GAIN if trials.session.judges_itself else -tolerated
+        least = tuned.MIN_REFIT_GAIN if trials.session.judges_itself else -tolerated
         judged = {group: one for group, one in now.items() if one.tested and not is_transient(group.claim.laws[0])}
         out = [group for group, one in judged.items() if one.change >= -least]
         if not out:
             return chosen, scores
-        if time_is_up(SEARCH):
+        if time_is_up(LAW_SEARCH):
             return chosen._replace(kept=tuple(group for group in chosen.kept if group not in out)), scores
         chosen = chosen.without(max(out, key=lambda group: now[group].change))
 
@@ -207,19 +207,19 @@ def _pruned(trials: Trials, chosen: Extension, scores: Scores, tolerated: float 
 def _refitted(trials: Trials, first: Extension) -> Extension:
     """Refit stated numbers where each block improves the held-out prediction, and all together clearly do."""
     few = (
-        time_is_up(SEARCH)
-        or len(trials.held_out(first).residual) < tuned.LEAST_REFIT_ROWS
+        time_is_up(LAW_SEARCH)
+        or len(trials.held_out(first).residual) < tuned.MIN_REFIT_ROWS
         or trials.session.judges_itself
     )
     blocks, chosen = [] if few else trials.refit_blocks(), first
     alone = {block: error_change(trials.held_out(first.refitting(block)), trials.held_out(first)) for block in blocks}
     for block in sorted(blocks, key=lambda block: alone[block]):
-        if alone[block] > -tuned.LEAST_BLOCK_GAIN or time_is_up(SEARCH):
+        if alone[block] > -tuned.MIN_REFIT_BLOCK_GAIN or time_is_up(LAW_SEARCH):
             break
         more = chosen.refitting(block)
-        if error_change(trials.held_out(more), trials.held_out(chosen)) < -tuned.LEAST_BLOCK_GAIN:
+        if error_change(trials.held_out(more), trials.held_out(chosen)) < -tuned.MIN_REFIT_BLOCK_GAIN:
             chosen = more
-    return chosen if error_change(trials.held_out(chosen), trials.held_out(first)) < -tuned.LEAST_GAIN else first
+    return chosen if error_change(trials.held_out(chosen), trials.held_out(first)) < -tuned.MIN_REFIT_GAIN else first
 
 
 def _score(trials: Trials, chosen: Extension, group: Group) -> HeldOutScore:
@@ -234,7 +234,7 @@ def _score(trials: Trials, chosen: Extension, group: Group) -> HeldOutScore:
     rows, other = trials.held_out(chosen), trials.held_out(chosen.without(group))
     finite = np.isfinite(rows.residual)
     acts = np.nanmax(np.abs(rows.residual - other.residual), axis=0, initial=0.0, where=finite) > 0
-    least = tuned.LEAST_RESIDUAL**2 * _mean_square(rows.torque)
+    least = tuned.MIN_RESIDUAL_RATIO**2 * _mean_square(rows.torque)
     after, before = _mean_square(rows.residual), _mean_square(other.residual)
     acts &= np.isfinite(after) & np.isfinite(before)
     count = np.sum(finite, axis=0) / tuned.CORRELATED_ROWS

@@ -26,13 +26,13 @@ from ..evidence.selection import Selection
 from ..search.contributions import measure_contributions
 from ..search.stepwise import inflated_dispersion
 from .held_out_selection import ExtendedSimulation
-from .thresholds import BLOCK_PERIODS, MOST_PARTS
+from .thresholds import BLOCK_PERIODS, MAX_JACKKNIFE_PARTS
 
-STEP = 1e-3  # of the central differences, over the number [1]
-LEAST_STEP, LEAST_SHAPE_STEP = 1e-3, 1e-6  # size that a coefficient, a shape counts as at least in that step [its unit]
-UNIDENTIFIABLE = 1e-8  # share of a number's sum of squares that nothing else makes, below which its std is infinite [1]
-FACTOR = ""  # key of the one unknown factor of a law whose numbers are all scaled by it [1]
-Number = tuple[Law, str]  # a law and the key of one of its numbers
+DIFFERENCE_STEP = 1e-3  # of the central differences, over the number [1]
+MIN_COEFFICIENT_SIZE, MIN_SHAPE_SIZE = 1e-3, 1e-6  # in that step [its unit]
+MIN_OWN_SHARE = 1e-8  # share of a number's sum of squares that nothing else makes, below which its std is infinite [1]
+FACTOR_KEY = ""  # key of the one unknown factor of a law whose numbers are all scaled by it [1]
+LawNumber = tuple[Law, str]  # a law and the key of one of its numbers
 
 
 class _NumberModel(NamedTuple):
@@ -58,7 +58,7 @@ def standard_deviations(
     """
     selection = replace(selection, prior_scale=selection.evidence.distance(selection.selected, selection.dispersion))
     numbers = {
-        group: [(law, key) for law in own for key in ((FACTOR,) if group.claim.scaled else law.parameters)]
+        group: [(law, key) for law in own for key in ((FACTOR_KEY,) if group.claim.scaled else law.parameters)]
         for group, own in laws.items()
     }
     some = any(numbers.values())
@@ -87,7 +87,7 @@ def _deviations(dataset: Dataset, selection: Selection, model: _NumberModel) -> 
     covariance = np.linalg.pinv(information / size / size[:, None], rcond=1e-8, hermitian=True) / size / size[:, None]
     variance = _with_gains(covariance, across, selection, beside)
     variance = np.maximum(variance, _variance_over_parts(dataset, selection, model))
-    identifiable = np.diag(free) > UNIDENTIFIABLE * np.diag(own)
+    identifiable = np.diag(free) > MIN_OWN_SHARE * np.diag(own)
     return np.asarray(np.where(identifiable, np.sqrt(np.maximum(variance, 0)), np.inf))
 
 
@@ -136,14 +136,14 @@ def _parts(dataset: Dataset) -> Indices:
     rows = np.column_stack([table.recording, place // length])[order:][has_full_window(table.piece, order)]
     block = np.unique(rows, axis=0, return_inverse=True)[1].ravel()
     count = int(block.max()) + 1
-    return np.asarray(block * min(MOST_PARTS, count) // count)
+    return np.asarray(block * min(MAX_JACKKNIFE_PARTS, count) // count)
 
 
 def _number_model(
     dataset: Dataset,
     selection: Selection,
     laws: Mapping[Group, tuple[Law, ...]],
-    numbers: Mapping[Group, Sequence[Number]],
+    numbers: Mapping[Group, Sequence[LawNumber]],
 ) -> _NumberModel:
     """Derivatives of torque with respect to all numbers, and priors where the torque is linear in them."""
     dispersion, evidence = inflated_dispersion(selection), selection.evidence
@@ -174,13 +174,13 @@ def _beside(selection: Selection, laws: list[Law], dispersion: Array) -> tuple[F
     return solve(which, gram, right, precision), precision
 
 
-def _slopes(dataset: Dataset, keys: list[Number]) -> dict[int, Array]:
+def _slopes(dataset: Dataset, keys: list[LawNumber]) -> dict[int, Array]:
     """Per joint, (M, d) derivative of the torque with respect to each number [torque per unit of the number]."""
     made = []
     for piece in dataset.pieces:
         whole = np.zeros((dataset.table.joints, len(piece.motion), len(keys)))
         for i, (law, key) in enumerate(keys):
-            step = STEP * _size(law, key)
+            step = DIFFERENCE_STEP * _size(law, key)
             ahead, behind = (_moved(law, key, s) for s in (step, -step))
             rows = torque_of(ahead, piece.motion)
             for j, y in torque_of(behind, piece.motion).items():
@@ -191,15 +191,15 @@ def _slopes(dataset: Dataset, keys: list[Number]) -> dict[int, Array]:
 
 def _moved(law: Law, key: str, step: float) -> Law:
     """Law with one number, or the factor of all numbers, changed by a step."""
-    changed = {k: x * (1 + step) for k, x in law.parameters.items()}
-    return replace(law, parameters=changed if key == FACTOR else {**law.parameters, key: law.parameters[key] + step})
+    scaled = {k: x * (1 + step) for k, x in law.parameters.items()}
+    return replace(law, parameters=scaled if key == FACTOR_KEY else {**law.parameters, key: law.parameters[key] + step})
 
 
 def _size(law: Law, key: str) -> float:
     """Size that a number counts as in the step of its difference [its unit]."""
-    if key == FACTOR:
+    if key == FACTOR_KEY:
         return 1.0
-    least = LEAST_STEP if isinstance(law.effect.parameters[key], Coefficient) else LEAST_SHAPE_STEP
+    least = MIN_COEFFICIENT_SIZE if isinstance(law.effect.parameters[key], Coefficient) else MIN_SHAPE_SIZE
     return max(abs(law.parameters[key]), least)
 
 

@@ -21,27 +21,27 @@ from ...types import Law
 from ..data.column_groups import Group, rough_drives
 from ..data.dataset import Dataset
 from ..data.estimated_gains import EstimatedGain
-from ..data.hypotheses import VARIABLES
+from ..data.hypotheses import VARIABLE_NAMES
 from ..data.locate import locate
 from ..data.motions import pieces
-from ..data.thresholds import LEAST_TORQUE_SHARE
+from ..data.thresholds import MIN_LAW_TORQUE_SHARE
 from ..evidence.bayes_factors import Evidence
 from ..evidence.selection import Selection
 from ..extend.extend import is_same
 from ..extend.holdout import Prediction, ResidualRows, predict
 from ..result import Alternative, Finding
 from .held_out_selection import error_change
-from .stated import MOST_LOG_ODDS, stated_numbers, torque_share
-from .thresholds import SAME_PREDICTION
+from .stated import MAX_LOG_ODDS, stated_numbers, torque_share
+from .thresholds import EQUAL_PREDICTION_GAIN
 
-DRIVES = ("coulomb_friction", "viscous_friction", "torque_offset", "armature")
-FORMS = ("link_inertia", "asymmetric_friction", "stribeck_friction", "quadratic_friction", "presliding_friction")
-LEAST_DRIVE = 1e-6  # least start of friction and rotors [their units]: zero numbers are no columns
-TURNED = 2  # laws that begin at estimates, since other laws, such as a delay, change their torque
-FEWEST_JOINTS = 3  # joints in which equal friction is a placeholder, at least
-CLEAR_STD = 3.0  # standard deviations from zero from which an offset or a rotor is fitted beside laws [1]; heuristic
-MOST_PROBABLE_BODY = 0.9  # probability of one changed body where all may be wrong, at most [1]; heuristic
-USUAL_SHARE = 0.2  # prior rms torque of an ordinary law over its joint's [1]; heuristic
+ORDINARY_EFFECTS = ("coulomb_friction", "viscous_friction", "torque_offset", "armature")
+FORM_EFFECTS = ("link_inertia", "asymmetric_friction", "stribeck_friction", "quadratic_friction", "presliding_friction")
+MIN_START = 1e-6  # least start of friction and rotors [their units]: zero numbers are no columns
+ROUGH_LAWS = 2  # laws that begin at estimates, since other laws, such as a delay, change their torque
+MIN_PLACEHOLDER_JOINTS = 3  # joints in which equal friction is a placeholder, at least
+CLEAR_DEVIATIONS = 3.0  # from zero, from which an offset or a rotor is fitted beside laws [std]; heuristic
+MAX_BODY_PROBABILITY = 0.9  # probability of one changed body where all may be wrong, at most [1]; heuristic
+ORDINARY_SHARE = 0.2  # prior rms torque of an ordinary law over its joint's [1]; heuristic
 
 
 def with_ordinary(model: Model, session: Session, skip: Collection[str]) -> tuple[Model, tuple[Law, ...]]:
@@ -54,10 +54,10 @@ def with_ordinary(model: Model, session: Session, skip: Collection[str]) -> tupl
     identified = model.covariance is not None or model.misfit is not None
     if identified or len(assumed) < len(stated) or seconds_left() <= 0:
         return model, ()
-    kept = [x for x in model.laws if x.effect.name not in DRIVES or any(x.effect.coefficients(x.parameters))]
+    kept = [x for x in model.laws if x.effect.name not in ORDINARY_EFFECTS or any(x.effect.coefficients(x.parameters))]
     rough, laws = rough_drives(tuple(pieces(session.task, model, session.train))), list[Law]()
-    for k, name in enumerate(DRIVES):
-        effect, start = EFFECTS[name], np.maximum(rough[:, k] if k < TURNED else np.zeros(len(rough)), LEAST_DRIVE)
+    for k, name in enumerate(ORDINARY_EFFECTS):
+        effect, start = EFFECTS[name], np.maximum(rough[:, k] if k < ROUGH_LAWS else np.zeros(len(rough)), MIN_START)
         (key,) = effect.linear()
         known = {law.joints[0] for law in kept if law.effect is effect}
         bare = [j for j in range(len(rough)) if j not in known and name not in skip]
@@ -68,7 +68,7 @@ def with_ordinary(model: Model, session: Session, skip: Collection[str]) -> tupl
 def _placeholders(model: Model, stated: Sequence[Law]) -> tuple[Law, ...]:
     """Stated friction that is the same number in every joint, and so nobody's measurement; else none."""
     numbers = {(law.effect.name, *law.parameters.values()) for law in stated}
-    everywhere = len({law.joints for law in stated}) == len(model.robot.joints) >= FEWEST_JOINTS
+    everywhere = len({law.joints for law in stated}) == len(model.robot.joints) >= MIN_PLACEHOLDER_JOINTS
     return tuple(stated) if len(numbers) == 1 and everywhere else ()
 
 
@@ -86,27 +86,27 @@ def without_vague(
     if not vague:
         return extended
     fewer = predict(session, replace(extended.model, laws=tuple(law for law in laws if law not in vague)))
-    worse = error_change(fewer.held_out, extended.held_out) > SAME_PREDICTION
+    worse = error_change(fewer.held_out, extended.held_out) > EQUAL_PREDICTION_GAIN
     return extended if worse else fewer
 
 
 def impossible(selection: Selection, ordinary: Sequence[Law]) -> list[Law]:
     """Rotors of the block whose inertia is clearly negative: in a motion of one frequency, such a rotor is a spring."""
-    rotors = [(law, x) for law, x in _deviations(selection, ordinary) if law.effect.name == DRIVES[-1]]
-    return [law for law, x in rotors if x < -CLEAR_STD]
+    rotors = [(law, x) for law, x in _deviations(selection, ordinary) if law.effect.name == ORDINARY_EFFECTS[-1]]
+    return [law for law, x in rotors if x < -CLEAR_DEVIATIONS]
 
 
 def without(evidence: Evidence, laws: Sequence[Law]) -> Evidence:
     """Evidence in which some laws of the block are held at zero."""
     data = evidence.data
-    groups = tuple(replace(g, deviation=(LEAST_DRIVE,)) if g.law in laws else g for g in data.groups)
+    groups = tuple(replace(g, deviation=(MIN_START,)) if g.law in laws else g for g in data.groups)
     return Evidence(replace(data, groups=groups), evidence.stated_prior, evidence.bare)
 
 
 def pinned(selection: Selection, ordinary: Sequence[Law]) -> Selection:
     """Selection in which vague rotors and offsets are zero, so that numbers such as the rest of a spring are clear."""
-    late = [(law, x) for law, x in _deviations(selection, ordinary) if law.effect.name in DRIVES[TURNED:]]
-    evidence = without(selection.evidence, [law for law, x in late if not abs(x) > CLEAR_STD])
+    late = [(law, x) for law, x in _deviations(selection, ordinary) if law.effect.name in ORDINARY_EFFECTS[ROUGH_LAWS:]]
+    evidence = without(selection.evidence, [law for law, x in late if not abs(x) > CLEAR_DEVIATIONS])
     posterior = replace(selection.posterior, evidence=evidence)
     return replace(selection, posterior=posterior).with_selected(selection.selected) if late else selection
 
@@ -138,12 +138,12 @@ def ordinary_findings(
         column, place = data.raw(joint, group)[:, 0], fit.place(group)
         size = float(np.sqrt(np.mean(column**2))) / data.scale[joint]
         variance = float(fit.covariance[place, place][0, 0])
-        shrunk = 1 / (1 + variance * (size / USUAL_SHARE) ** 2)  # variance of the posterior over that of the rows
+        shrunk = 1 / (1 + variance * (size / ORDINARY_SHARE) ** 2)  # variance of the posterior over that of the rows
         odds = (np.log(1 - shrunk + 1e-12) + shrunk * step**2 / variance) / 2
-        odds = float(np.clip(odds, -MOST_LOG_ODDS, MOST_LOG_ODDS))
+        odds = float(np.clip(odds, -MAX_LOG_ODDS, MAX_LOG_ODDS))
         share = torque_share({joint: column * step}, data.scale)
         inside = isinstance(group.law.effect, EstimatedGain) and abs(step) < TWO_SIDED * np.sqrt(variance)
-        if odds < 0 or share[joint] < LEAST_TORQUE_SHARE or inside:
+        if odds < 0 or share[joint] < MIN_LAW_TORQUE_SHARE or inside:
             continue
         yield Finding(
             law=law,
@@ -151,7 +151,7 @@ def ordinary_findings(
             role="cause",
             probability=float(1 / (1 + np.exp(-odds))),
             torque_share=share,
-            where=locate(dataset.table, joint, column * step, bool(given.robot.prismatic[joint]), VARIABLES[:-1]),
+            where=locate(dataset.table, joint, column * step, bool(given.robot.prismatic[joint]), VARIABLE_NAMES[:-1]),
             statistic=odds,
             threshold=0.0,
             held_out_gain=_gain(extended.held_out, replace(law, parameters={key: step}), joint),
@@ -173,7 +173,7 @@ def beside_wrong_bodies(finding: Finding, joints: int, gains: Collection[int] = 
     twins = [twin for twin in [("payload", (last,)), *near, *drives] if twin not in known]
     if own[0] not in ("link_inertia", "payload", "torque_gain") or not twins:
         return finding
-    probability = min(finding.probability, MOST_PROBABLE_BODY)
+    probability = min(finding.probability, MAX_BODY_PROBABILITY)
     left = max(1 - probability - sum(rival.probability for rival in finding.alternatives), 0.0) / len(twins)
     rivals = (*finding.alternatives, *(Alternative(Law(EFFECTS[name], at), left, "") for name, at in twins))
     return replace(finding, probability=probability, alternatives=tuple(sorted(rivals, key=lambda x: -x.probability)))
@@ -183,7 +183,7 @@ def softened(finding: Finding) -> Finding:
     """Friction that falls off with the square of speed is no cause: it is the shape of Coulomb friction that rises."""
     if finding.law.effect.name != "quadratic_friction" or finding.law.parameters["coefficient"] >= 0:
         return finding
-    return replace(finding, role="secondary", probability=min(finding.probability, MOST_PROBABLE_BODY))
+    return replace(finding, role="secondary", probability=min(finding.probability, MAX_BODY_PROBABILITY))
 
 
 def _gain(rows: ResidualRows, law: Law, joint: int) -> float:

@@ -15,19 +15,19 @@ from ...regression.session import Session
 from ...types import Array, Law
 from ..data.column_groups import Group
 from ..data.dataset import Dataset
-from ..data.hypotheses import VARIABLES, Key
+from ..data.hypotheses import VARIABLE_NAMES, Key
 from ..data.locate import locate
-from ..data.thresholds import LEAST_TORQUE_SHARE
+from ..data.thresholds import MIN_LAW_TORQUE_SHARE
 from ..evidence.bayes_factors import Evidence
 from ..evidence.selection import Posterior, Selection
 from ..extend.extend import extended_laws, is_plain, is_same
 from ..extend.holdout import predict
 from ..result import Alternative, Finding
 from .held_out_selection import ExtendedSimulation
-from .thresholds import FAINT_JOINT, LEAST_PROBABILITY, LISTED_PROBABILITY, RIVAL_SHARE, USUAL_BODY_SHARE
+from .thresholds import CAUSE_PROBABILITY, LISTED_PROBABILITY, MIN_JOINT_SHARE, RIVAL_RESIDUAL_SHARE, USUAL_BODY_SHARE
 
-RANK = 1e-12  # eigenvalues of the scaled prior information, over the largest, that count as zero [1]
-MOST_PROBABLE, MOST_LOG_ODDS = 1 - 1e-9, 50.0  # bounds of probabilities and log odds, so that both stay finite [1]
+INFORMATION_RANK = 1e-12  # eigenvalues of the scaled prior information, over the largest, that count as zero [1]
+MAX_PROBABILITY, MAX_LOG_ODDS = 1 - 1e-9, 50.0  # bounds of probabilities and log odds, so that both stay finite [1]
 
 
 def stated_number_findings(
@@ -41,8 +41,8 @@ def stated_number_findings(
     no_law, library = _library_probabilities(selection)
     wrong = {g: no_law * p for g, p in _wrong_probabilities(selection, extended).items()}
     own = {g: library.get(_key(g, library), (0.0, g))[0] for g in wrong}
-    likely = {g: min(p + own[g], MOST_PROBABLE) for g, p in wrong.items()}
-    likely = {g: p for g, p in likely.items() if p >= LEAST_PROBABILITY}
+    likely = {g: min(p + own[g], MAX_PROBABILITY) for g, p in wrong.items()}
+    likely = {g: p for g, p in likely.items() if p >= CAUSE_PROBABILITY}
     if not likely:
         return
     given, after = predict(session, dataset.model).held_out.residual, extended.prediction.held_out.residual
@@ -59,9 +59,9 @@ def stated_number_findings(
             role="cause",
             probability=probability,
             torque_share=_share_of_step(selection.evidence, group, float(fit.value[place][0])),
-            where=locate(dataset.table, joint, torque, bool(dataset.model.robot.prismatic[joint]), VARIABLES[:-1]),
+            where=locate(dataset.table, joint, torque, bool(dataset.model.robot.prismatic[joint]), VARIABLE_NAMES[:-1]),
             statistic=float(np.log(probability / (1 - probability))),
-            threshold=float(np.log(LEAST_PROBABILITY / (1 - LEAST_PROBABILITY))),
+            threshold=float(np.log(CAUSE_PROBABILITY / (1 - CAUSE_PROBABILITY))),
             held_out_gain=1 - float(np.nanmean(after[:, joint] ** 2) / np.nanmean(given[:, joint] ** 2)),
             alternatives=tuple(_rivals(selection.posterior, group, fit.value[place], library)),
             stated=stated_numbers(dataset.model, whole),
@@ -84,7 +84,7 @@ def body_finding(
         parts = [data.part(j, groups[body]) @ step[body] for j in data.rows(groups[body])]
         energy[joint] = sum(float(x @ x) for x in parts)
     before = predict(session, dataset.model)
-    strong = np.maximum(rms_of(before.train.torque), FAINT_JOINT * data.scale.max())
+    strong = np.maximum(rms_of(before.train.torque), MIN_JOINT_SHARE * data.scale.max())
     usual = 1.0 if np.all(rms_of(before.train.residual) < USUAL_BODY_SHARE * strong) else 0.0  # scale of no mismatch
     wrong = float(np.sum(evidence.log_bayes_factors((), selection.dispersion)[1][evidence.scales > usual]))
     shares = {j: wrong * x / max(sum(energy.values()), 1e-300) for j, x in energy.items()}
@@ -97,7 +97,7 @@ def body_finding(
     law = Law(effect, (first,), dict(zip(effect.parameters, step[body].tolist(), strict=True)))
     torque = {j: data.raw(j, groups[body]) @ step[body] for j in data.rows(groups[body])}
     share = torque_share(torque, data.scale)
-    if min(share.max() / LEAST_TORQUE_SHARE, wrong / LEAST_PROBABILITY) < 1:
+    if min(share.max() / MIN_LAW_TORQUE_SHARE, wrong / CAUSE_PROBABILITY) < 1:
         return
     joint, fit = int(np.argmax(share)), selection.reported()
     std = np.sqrt(np.diag(fit.covariance)[fit.place(groups[body])])
@@ -106,11 +106,11 @@ def body_finding(
         law=law,
         std=dict(zip(effect.parameters, std.tolist(), strict=True)),
         role="cause",
-        probability=min(shares[first], MOST_PROBABLE),
+        probability=min(shares[first], MAX_PROBABILITY),
         torque_share=share,
-        where=locate(dataset.table, joint, torque[joint], bool(model.robot.prismatic[joint]), VARIABLES[:-1]),
-        statistic=float(np.log(max(wrong, 1e-300) / max(1 - wrong, np.exp(-MOST_LOG_ODDS)))),
-        threshold=float(np.log(LEAST_PROBABILITY / (1 - LEAST_PROBABILITY))),
+        where=locate(dataset.table, joint, torque[joint], bool(model.robot.prismatic[joint]), VARIABLE_NAMES[:-1]),
+        statistic=float(np.log(max(wrong, 1e-300) / max(1 - wrong, np.exp(-MAX_LOG_ODDS)))),
+        threshold=float(np.log(CAUSE_PROBABILITY / (1 - CAUSE_PROBABILITY))),
         held_out_gain=1 - float(np.nanmean(after[:, joint] ** 2) / np.nanmean(given[:, joint] ** 2)),
         alternatives=tuple(
             Alternative(rival, x, "")
@@ -165,7 +165,7 @@ def torque_share(torque: Mapping[int, Array], scale: Array) -> Array:
 def _library_probabilities(selection: Selection) -> tuple[float, dict[Key, tuple[float, Group]]]:
     """Probability that no law of the library is behind the residual, and that of each law."""
     odds = selection.posterior.odds(selection.selected, selection.dispersion)[0]
-    each = {key: float(np.exp(np.clip(one.log, -MOST_LOG_ODDS, MOST_LOG_ODDS))) for key, one in odds.items()}
+    each = {key: float(np.exp(np.clip(one.log, -MAX_LOG_ODDS, MAX_LOG_ODDS))) for key, one in odds.items()}
     total = 1 + sum(each.values())
     return 1 / total, {key: (x / total, odds[key].best) for key, x in each.items()}
 
@@ -181,9 +181,9 @@ def _wrong_probabilities(selection: Selection, extended: ExtendedSimulation) -> 
     for group in sorted(groups, key=lambda one: one.start):
         at = fit.place(group).start
         value, variance, prior = float(fit.value[at]), float(covariance[at, at]), before.get(group, np.inf)
-        large = _share_of_step(selection.evidence, group, value).max() >= LEAST_TORQUE_SHARE
+        large = _share_of_step(selection.evidence, group, value).max() >= MIN_LAW_TORQUE_SHARE
         if 0 < variance < prior < np.inf and large:
-            log = np.clip((np.log(variance / prior) + value**2 / variance) / 2, -MOST_LOG_ODDS, MOST_LOG_ODDS)
+            log = np.clip((np.log(variance / prior) + value**2 / variance) / 2, -MAX_LOG_ODDS, MAX_LOG_ODDS)
             out[group] = float(1 / (1 + np.exp(-log)))
     return out
 
@@ -206,7 +206,7 @@ def _rivals(
     for key, (probability, rival) in sorted(library.items(), key=lambda item: -item[1][0]):
         if probability > LISTED_PROBABILITY and key != own and rival.claim.laws and joint in data.rows(rival):
             rest = leave(torque, data.part(joint, rival))
-            if rest @ rest <= RIVAL_SHARE * (torque @ torque):
+            if rest @ rest <= RIVAL_RESIDUAL_SHARE * (torque @ torque):
                 yield Alternative(rival.claim.laws[0], probability, "")
 
 
@@ -217,9 +217,10 @@ def _prior_variance(evidence: Evidence, prior_scale: float) -> dict[Group, float
         return {g: g.deviation[0] ** 2 for g in laws}
     columns, information = evidence.stated_prior
     size = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    inverse = np.linalg.pinv(information / size / size[:, None], rcond=RANK, hermitian=True) / size / size[:, None]
-    variance = dict(zip(columns.tolist(), (prior_scale**2 * np.diag(inverse)).tolist(), strict=True))
-    return {g: variance.get(g.start, np.inf) for g in laws}
+    inverse = np.linalg.pinv(information / size / size[:, None], rcond=INFORMATION_RANK, hermitian=True)
+    variance = prior_scale**2 * np.diag(inverse / size / size[:, None])
+    by_column = dict(zip(columns.tolist(), variance.tolist(), strict=True))
+    return {g: by_column.get(g.start, np.inf) for g in laws}
 
 
 def _share_of_step(evidence: Evidence, group: Group, value: float) -> Array:

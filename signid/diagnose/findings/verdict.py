@@ -18,7 +18,7 @@ from ..data.noise import has_full_window
 from ..data.whitening import weights
 from ..evidence.selection import Posterior, Selection
 from ..extend.holdout import ResidualRows
-from ..result import MUCH
+from ..result import MUCH_SHARE
 from ..search.contributions import Contributions, measure_contributions
 from . import thresholds as tuned
 from .alternatives import Contender
@@ -52,8 +52,8 @@ class Verdict(Frozen):
         """Make large and probable corrections causes; `gains`: shares of the held-out squares that they remove [1]."""
         sure = {contender.group for contender in contenders if contender.probability > 0.5}
         share = self.contributions.torque_share
-        large = [g for g in self.secondary if share[g].max() >= tuned.PROMOTED_TORQUE]
-        more = [g for g in large if g in sure and gains[g] >= tuned.PROMOTED_GAIN]
+        large = [g for g in self.secondary if share[g].max() >= tuned.PROMOTED_TORQUE_SHARE]
+        more = [g for g in large if g in sure and gains[g] >= tuned.PROMOTED_HELD_OUT_GAIN]
         if self.name != "named" or not more:
             return self
         secondary = tuple(group for group in self.secondary if group not in more)
@@ -80,12 +80,13 @@ def undecided_words(dataset: Dataset, session: Session, given: ResidualRows, ver
     left = rms_of(given.residual) / rms_of(
         np.hypot(noise, np.where(np.isnan(given.residual), np.nan, given.reversal_std))
     )
-    share = rms_of(given.residual) / np.maximum(rms_of(given.torque), tuned.FAINT_JOINT * data.scale.max())
+    share = rms_of(given.residual) / np.maximum(rms_of(given.torque), tuned.MIN_JOINT_SHARE * data.scale.max())
     unseen = np.sqrt(verdict.threshold / data.counts) * data.floor / data.scale
     few, rows = not judge_amount(session, session.train).enough, np.sum(np.isfinite(given.residual), axis=0)
-    for j in np.flatnonzero((left > tuned.QUIET_RATIO) & (share > tuned.QUIET_SHARE)).tolist():
+    for j in np.flatnonzero((left > tuned.QUIET_NOISE_RATIO) & (share > tuned.QUIET_TORQUE_SHARE)).tolist():
         why = "other bodies could make it, which the held-out rows do not confirm"
-        why = f"they are {'too few' if few else 'too noisy'} to show what it is" if few or unseen[j] > MUCH else why
+        if few or unseen[j] > MUCH_SHARE:
+            why = f"they are {'too few' if few else 'too noisy'} to show what it is"
         yield (
             f"{rows[j]} rows leave {share[j]:.0%} of the torque of {robot.joints[j]} unexplained, and {why}; record "
             f"for longer, with more motion of this joint"
@@ -100,11 +101,11 @@ def decide_verdict(dataset: Dataset, selection: Selection, contenders: Sequence[
     residual, given = (dataset.remaining(data, one.fit) for one in (contributions, bare))
     after, before = (_excess(dataset, data.counts, one) for one in (residual, given))
     clear = _clearest_dependence(selection, before)
-    scale = np.maximum(data.scale, tuned.FAINT_JOINT * data.scale.max())
+    scale = np.maximum(data.scale, tuned.MIN_JOINT_SHARE * data.scale.max())
     tolerated = (tuned.TOLERATED_DISCREPANCY * scale / noise.saturated_floor) ** 2
     correlated = np.maximum(noise.innovation / noise.floor, 1.0)  # of a known misfit
-    threshold = tuned.NOTICED_STD * np.sqrt(2 * data.counts) * correlated + data.counts * tolerated
-    threshold = threshold * (tuned.CLEAR_THRESHOLD if clear > tuned.CLEAR_LOG_ODDS and not selection.selected else 1.0)
+    threshold = tuned.NOTICED_DEVIATIONS * np.sqrt(2 * data.counts) * correlated + data.counts * tolerated
+    threshold = threshold * (tuned.CLEAR_FACTOR if clear > tuned.CLEAR_LOG_ODDS and not selection.selected else 1.0)
     by_group = {contender.group: contender for contender in contenders}
     explained = {g: _explained(selection.posterior, contributions, residual, g) for g in selection.selected}
     left = np.sqrt(np.mean(residual**2, axis=0))
@@ -113,13 +114,11 @@ def decide_verdict(dataset: Dataset, selection: Selection, contenders: Sequence[
     moved = {g: importance[g] * float(np.sqrt(x.max())) for g, x in explained.items()}  # much torque is never last
     ranked = sorted(selection.selected, key=lambda g: (by_group[g].log_at_scale < 0, -moved[g]))
     ranked = _drifts_first(ranked, contributions)
-    causes = tuple(g for g in ranked if importance[g] >= tuned.CAUSE_SHARE * largest)
+    causes = tuple(g for g in ranked if importance[g] >= tuned.MIN_CAUSE_SHARE * largest)
     secondary = tuple(group for group in ranked if group not in causes)
     if not causes:
-        state = clear > 0 or np.any(noise.discrepancy > tuned.NOTICEABLE_DISCREPANCY * scale)
-        differs = clear > tuned.CLEAR_LOG_ODDS or np.any(
-            after > threshold * (1 if state else tuned.STATELESS_THRESHOLD)
-        )
+        state = clear > 0 or np.any(noise.discrepancy > tuned.MIN_NOTICED_DISCREPANCY * scale)
+        differs = clear > tuned.CLEAR_LOG_ODDS or np.any(after > threshold * (1 if state else tuned.STATELESS_FACTOR))
         name = "unknown" if differs else "nothing_missing"
     else:
         whole = _excess(dataset, data.counts, dataset.table.residual) if evidence.bare else before  # bodies hide laws
@@ -176,7 +175,7 @@ def _drifts_first(ranked: Sequence[Group], contributions: Contributions) -> list
             drift, level = float(value[group][0]), float(value[other][0])
             if (
                 drift * level < 0
-                and abs(drift) >= tuned.DRIFTS_BACK * abs(level)
+                and abs(drift) >= tuned.MIN_DRIFT_SHARE * abs(level)
                 and out.index(other) < out.index(group)
             ):
                 out.remove(group)
@@ -189,13 +188,11 @@ def _explain(causes: Sequence[Group], excess: tuple[Array, Array, Array], first:
     before, after, threshold = excess
     concerned = np.any([_concerned(group, before > threshold) for group in causes], axis=0)
     left, total = np.maximum(after, 0)[concerned].sum(), np.maximum(before, 0)[concerned].sum()
-    needed = tuned.EXPLAINED_APPROXIMATELY if causes[0].claim.laws[0].effect.approximate else tuned.EXPLAINED
-    loud = concerned & (after > threshold) & (after > tuned.SMALL_EXCESS * before.max())
+    needed = tuned.MIN_APPROXIMATED_EXCESS if causes[0].claim.laws[0].effect.approximate else tuned.MIN_EXPLAINED_EXCESS
+    loud = concerned & (after > threshold) & (after > tuned.SMALL_EXCESS_SHARE * before.max())
     if 1 - left / max(total, 1e-9) < needed and loud.any():
         return False
-    elsewhere = (
-        ~concerned & (after > tuned.STATELESS_THRESHOLD * threshold) & (after > tuned.UNEXPLAINED_ELSEWHERE * before)
-    )
+    elsewhere = ~concerned & (after > tuned.STATELESS_FACTOR * threshold) & (after > tuned.MAX_ELSEWHERE_SHARE * before)
     return not (first.unknown > 0.5 or after[elsewhere].sum() > max(total - left, 0.0))
 
 

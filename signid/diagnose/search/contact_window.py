@@ -14,10 +14,10 @@ from ..data.noise import has_full_window
 from ..data.thresholds import CONTACT_STEP, CONTACT_TORQUE, CONTACT_WIDTHS
 from ..data.whitened_rows import Whitened
 
-NAME = "external_contact"
-MOVES = np.arange(-5, 6)  # shifts of the ends of the best window in one refinement [rows]
-REFINEMENTS = 3  # refinements of the best window
-LEAST_ROWS = 4  # shortest window [rows]: more than the three components of a force
+CONTACT_EFFECT = "external_contact"
+END_SHIFTS = np.arange(-5, 6)  # shifts of the ends of the best window in one refinement [rows]
+WINDOW_REFINEMENTS = 3  # refinements of the best window
+MIN_WINDOW_ROWS = 4  # shortest window [rows]: more than the three components of a force
 
 
 class _Window(NamedTuple):
@@ -55,7 +55,7 @@ def find_contact(dataset: Dataset, data: Whitened, residual: Array, dispersion: 
     if best.log_bayes <= 0:
         return None
     span = {"start": float(dataset.table.t[best.start]), "end": float(dataset.table.t[best.stop])}
-    return Hypothesis((Law(EFFECTS[NAME], tuple(range(data.joints)), span),))
+    return Hypothesis((Law(EFFECTS[CONTACT_EFFECT], tuple(range(data.joints)), span),))
 
 
 def _best(square: Array, right: Array, variance: float, rate: float) -> _Window:
@@ -65,9 +65,9 @@ def _best(square: Array, right: Array, variance: float, rate: float) -> _Window:
         length = int(width * rate)
         start = np.arange(0, count - length, max(1, int(CONTACT_STEP * rate)))
         best = _better(best, square, right, variance, start, start + length)
-    for _ in range(REFINEMENTS if best.stop else 0):
-        low, high = (grid.ravel() for grid in np.meshgrid(best.start + MOVES, best.stop + MOVES))
-        fits = (low >= 0) & (low + LEAST_ROWS <= high) & (high <= count)
+    for _ in range(WINDOW_REFINEMENTS if best.stop else 0):
+        low, high = (grid.ravel() for grid in np.meshgrid(best.start + END_SHIFTS, best.stop + END_SHIFTS))
+        fits = (low >= 0) & (low + MIN_WINDOW_ROWS <= high) & (high <= count)
         best = _better(best, square, right, variance, low[fits], high[fits])
     return best
 

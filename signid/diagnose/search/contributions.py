@@ -11,7 +11,7 @@ from scipy.special import stdtr
 
 from ...types import Array, Frozen, Indices
 from ..data.column_groups import Group
-from ..data.thresholds import BLOCKS, LEAST_BLOCKS, LEAST_PROBABILITY, PRIOR_NOTHING
+from ..data.thresholds import GAIN_BLOCKS, MIN_GAIN_BLOCKS, MIN_TEST_PROBABILITY, PRIOR_NOTHING
 from ..data.whitened_rows import Factor, Fitted, Whitened
 from ..evidence.bayes_factors import Evidence
 from ..evidence.selection import Posterior
@@ -104,13 +104,13 @@ def steadiness(posterior: Posterior, contributions: Contributions, residual: Arr
     made = np.cumsum(energy)
     if not made[-1] > 0:
         return np.inf
-    block = np.minimum((BLOCKS * made / made[-1]).astype(int), BLOCKS - 1)
+    block = np.minimum((GAIN_BLOCKS * made / made[-1]).astype(int), GAIN_BLOCKS - 1)
     parts = [block == k for k in np.unique(block)]
-    if (count := len(parts)) < LEAST_BLOCKS:
+    if (count := len(parts)) < MIN_GAIN_BLOCKS:
         return np.inf
     gains, energies = (np.array([x[part].sum() for part in parts]) for x in (gain, energy))
     uneven = gains - energies * gains.sum() / energies.sum()
     error = float(np.sqrt(np.sum(uneven**2) * count / (count - 1)))
     better = float(stdtr(count - 1, float(gains.sum()) / max(error, 1e-300)))
     prior = posterior.priors.get(group.claim.key, 0.0) - float(np.log(PRIOR_NOTHING))
-    return float(np.log(max(better, LEAST_PROBABILITY)) - np.log(max(1 - better, LEAST_PROBABILITY))) + prior
+    return float(np.log(max(better, MIN_TEST_PROBABILITY)) - np.log(max(1 - better, MIN_TEST_PROBABILITY))) + prior

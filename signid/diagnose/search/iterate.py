@@ -37,12 +37,12 @@ from ..evidence.likelihood import Likelihood, update_noise
 from ..evidence.selection import Posterior, Selection
 from ..extend.extend import inertial_places, read_laws
 from ..result import Diagnosis
-from .contact_window import NAME as CONTACT, find_contact
+from .contact_window import CONTACT_EFFECT as CONTACT, find_contact
 from .contributions import measure_contributions
 from .shape_optimisation import optimise_shapes
-from .stepwise import SEARCH, inflated_dispersion, initial_selection, log_posterior, log_prior_odds, stepwise_search
+from .stepwise import LAW_SEARCH, inflated_dispersion, initial_selection, log_posterior, log_prior_odds, stepwise_search
 
-DISAGREEMENT = (
+DISAGREEMENT_FLAG = (
     "the selected laws change each other's torque, and no two rounds of the search agree on them: their numbers may be "
     "off by more than their intervals; record a motion that separates the alternatives"
 )
@@ -73,21 +73,21 @@ def select(dataset: Dataset, posterior: Posterior, skip: Sequence[str], referenc
     first = about, selection = _select(dataset, posterior, conditions)
     dataset, names = about, set[Key]()
     for _ in range(RELINEARISATION_ROUNDS):
-        if time_is_up(SEARCH):
+        if time_is_up(LAW_SEARCH):
             return SearchResult(*first)
         new = relinearise(dataset, about, selection)
         if new is None:
             return SearchResult(about, selection)
         about, names = new, _names(selection)
         selection = _search(about, _with_rows(selection.posterior, new), conditions, selection)
-        if time_is_up(SEARCH):
+        if time_is_up(LAW_SEARCH):
             return SearchResult(*first)
         if len(selection.selected) > len(first[1].selected) + MAX_ADDED_LAWS:  # diverges from a wrong expansion point
             break
     else:
         if _names(selection) == names:
             return SearchResult(about, selection)
-    return SearchResult(*first, (DISAGREEMENT,))
+    return SearchResult(*first, (DISAGREEMENT_FLAG,))
 
 
 def _names(selection: Selection) -> set[Key]:
@@ -109,7 +109,7 @@ def _select(dataset: Dataset, posterior: Posterior, conditions: _Conditions) -> 
         return _beside_misfit(dataset, selection, conditions)
     best, highest, refit_best = (dataset, selection), -np.inf, False
     for _ in range(NOISE_ROUNDS):
-        if time_is_up(SEARCH):
+        if time_is_up(LAW_SEARCH):
             break
         updated = replace(dataset, noise=update_noise(dataset, selection))
         if (score := _score(updated, selection)) <= highest:
@@ -120,7 +120,7 @@ def _select(dataset: Dataset, posterior: Posterior, conditions: _Conditions) -> 
         highest, refit_best = score, not once
         best = (dataset, selection) if once else (updated, replace(selection, posterior=posterior))
         again = _search(updated, posterior, conditions, selection)
-        if time_is_up(SEARCH):
+        if time_is_up(LAW_SEARCH):
             break
         if _names(again) == _names(selection):
             return updated, again
@@ -131,11 +131,11 @@ def _select(dataset: Dataset, posterior: Posterior, conditions: _Conditions) -> 
 def _beside_misfit(dataset: Dataset, selection: Selection, conditions: _Conditions) -> tuple[Dataset, Selection]:
     """Alternate search and growth of the known misfit until the laws stay."""
     for _ in range(NOISE_ROUNDS):
-        if time_is_up(SEARCH):
+        if time_is_up(LAW_SEARCH):
             break
         updated = replace(dataset, noise=update_noise(dataset, selection))
         again = _search(updated, _with_rows(selection.posterior, updated), conditions, selection)
-        if time_is_up(SEARCH):
+        if time_is_up(LAW_SEARCH):
             break
         same = _names(again) == _names(selection)
         dataset, selection = updated, again
@@ -182,7 +182,7 @@ def _search(
 def _without_corrections(dataset: Dataset, selection: Selection) -> Selection:
     """Drop laws that only correct the shape of others: without them, at the best shape, these explain as much."""
     for group in selection.selected:
-        if len(selection.selected) < 2 or time_is_up(SEARCH):
+        if len(selection.selected) < 2 or time_is_up(LAW_SEARCH):
             break
         if group not in selection.selected:  # replaced beside one that was dropped
             continue
@@ -233,7 +233,7 @@ def _with_contact(dataset: Dataset, selection: Selection) -> Selection:
     data, _ = append(dataset, selection.data, window)
     evidence = replace(selection.evidence, data=data)
     again = stepwise_search(replace(selection.posterior, evidence=evidence), selection.dispersion)
-    return selection if time_is_up(SEARCH) else again
+    return selection if time_is_up(LAW_SEARCH) else again
 
 
 def relinearise(dataset: Dataset, about: Dataset, selection: Selection) -> Dataset | None:
@@ -244,7 +244,7 @@ def relinearise(dataset: Dataset, about: Dataset, selection: Selection) -> Datas
     that of the given simulation, as do the rows of `dataset`; `about` has the present columns. Also None if time is up,
     or if the bodies are infeasible.
     """
-    if time_is_up(SEARCH):
+    if time_is_up(LAW_SEARCH):
         return None
     show_step(f"linearising about {len(selection.selected)} laws", 0.8)
     fit = selection.fit()

@@ -21,7 +21,7 @@ from ..data.thresholds import (
     EVALUATIONS_PER_SHAPE,
     LOG_ODDS_TOLERANCE,
     RECORDING_LIMITS,
-    SHAPE_CHANGES,
+    SHAPE_CHANGE_LOG_ODDS,
     SHAPE_FACTOR,
     SIZE_ROUNDS,
     WINDOW_REACH,
@@ -29,12 +29,12 @@ from ..data.thresholds import (
 from ..data.whitened_rows import Fitted
 from ..evidence.selection import Posterior, Selection
 from .contributions import measure_contributions
-from .stepwise import SEARCH, inflated_dispersion
+from .stepwise import LAW_SEARCH, inflated_dispersion
 
-ALGORITHM = "LN_BOBYQA"  # Powell 2009: no derivatives, box constraints
-AT_THE_BOUND = 0.99  # step from which on a size counts as at the bound of its box, over the box [1]
+SHAPE_ALGORITHM = "LN_BOBYQA"  # Powell 2009: no derivatives, box constraints
+BOUND_STEP = 0.99  # step from which on a size counts as at the bound of its box, over the box [1]
 WINDOW_ENDS = ("start", "end")  # shapes that are added to, not multiplied
-MOST_SAMPLES = 6  # samples by which each end of a window is moved at last
+MAX_END_SHIFT = 6  # samples by which each end of a window is moved at last
 
 
 class _Option(NamedTuple):
@@ -61,7 +61,7 @@ def optimise_shapes(dataset: Dataset, selection: Selection, joints: Collection[i
         if joints is not None and set(joints).isdisjoint(selection.data.rows(group)):
             continue
         options = _options(selection.posterior, group, {other.claim.key for other in selection.selected})
-        if not options or time_is_up(SEARCH):
+        if not options or time_is_up(LAW_SEARCH):
             continue
         show_step(f"fitting numbers of {group.claim.kind}", 0.7)
         rest = selection.without(group)
@@ -139,7 +139,7 @@ def _optimise(dataset: Dataset, option: _Option, others: _Others) -> tuple[float
     if not keys:
         return -cost(zero), known
     best = _minimised(cost, zero, SIZE_ROUNDS if known.finite else 0)
-    if known.stated is not None and cost(zero) - best.value < SHAPE_CHANGES:  # the shape is the stated one
+    if known.stated is not None and cost(zero) - best.value < SHAPE_CHANGE_LOG_ODDS:  # the shape is the stated one
         return -cost(zero), known
     ends = [k for k, key in enumerate(keys) if key in WINDOW_ENDS]
     value, x = _stepped(cost, best.value, best.x, ends, dataset.pieces[0].motion.dt / WINDOW_REACH)
@@ -150,9 +150,9 @@ def _minimised(cost: Callable[[Array], float], start: Array, further: int) -> Op
     """Minimise in a box of half-width 1 about the start; `further` times again about an optimum at its upper bound."""
     budget = EVALUATIONS_PER_SHAPE * len(start)
     while True:
-        problem = Problem(cost, start - 1, start + 1, start, search=SEARCH, tolerance=LOG_ODDS_TOLERANCE)
-        best = OPTIMISERS["nlopt"].minimise(problem, algorithm=ALGORITHM, budget_evaluations=budget)
-        if further == 0 or np.all(best.x - start < AT_THE_BOUND) or time_is_up(SEARCH):
+        problem = Problem(cost, start - 1, start + 1, start, search=LAW_SEARCH, tolerance=LOG_ODDS_TOLERANCE)
+        best = OPTIMISERS["nlopt"].minimise(problem, algorithm=SHAPE_ALGORITHM, budget_evaluations=budget)
+        if further == 0 or np.all(best.x - start < BOUND_STEP) or time_is_up(LAW_SEARCH):
             return best
         start, further = best.x, further - 1
 
@@ -163,7 +163,7 @@ def _stepped(
     """Move ends of windows sample by sample while the cost falls, since it is constant between samples."""
     for k in ends:
         for way in (step, -step):
-            for _ in range(MOST_SAMPLES):
+            for _ in range(MAX_END_SHIFT):
                 moved = x + way * (np.arange(len(x)) == k)
                 if (moved_cost := cost(moved)) >= value:
                     break

@@ -23,9 +23,9 @@ from ..data.thresholds import (
     IMITATED_SHARE,
     INERTIAL_VIOLATION,
     INFEASIBLE_CHI2,
-    LEAST_TORQUE_SHARE,
     MAX_INFLATION,
-    MAX_LAWS,
+    MAX_SELECTED_LAWS,
+    MIN_LAW_TORQUE_SHARE,
     NEXT_LOG_ODDS,
     ON_OFF_RANGE,
     PRIOR_NOTHING,
@@ -41,9 +41,9 @@ from ..extend.extend import extend, has_possible_numbers, is_possible, nearest_b
 from ..extend.holdout import residual_rows
 from .contributions import measure_contributions, residual_growth
 
-SEARCH = "the search for laws"  # name of the search in messages about time limits
+LAW_SEARCH = "the search for laws"  # name of the search in messages about time limits
 UNCHANGED_VARIANCE = 1e-10  # variance of bodies that do not change [kg2, kg2.m2, kg2.m4]: keeps the covariance regular
-SAME_ANSWER = 1.0  # numbers that differ by less get the answer computed before [standard deviations]
+ANSWER_TOLERANCE = 1.0  # numbers that differ by less get the answer computed before [standard deviations]
 
 
 def stepwise_search(posterior: Posterior, dispersion: Array, start: Mapping[Group, float] | None = None) -> Selection:
@@ -56,12 +56,12 @@ def stepwise_search(posterior: Posterior, dispersion: Array, start: Mapping[Grou
     odds, seen = first, list[set[Group]]()
     if start:
         selection = _exchanged(initial_selection(posterior, dispersion, start), EXCHANGE_LOG_ODDS)
-    for step in range(MAX_LAWS):
+    for step in range(MAX_SELECTED_LAWS):
         show_step(f"weighing laws beside {len(selection.selected)} selected", 1 - 0.7 ** (step + 1))
         if selection.selected:
             odds, trusted = posterior.odds(selection.selected, inflated_dispersion(selection))
         chosen = _best_candidate(selection, odds, trusted, NEXT_LOG_ODDS if selection.selected else FIRST_LOG_ODDS)
-        if chosen is None or time_is_up(SEARCH):
+        if chosen is None or time_is_up(LAW_SEARCH):
             break
         selection = larger = _with(selection, chosen)
         if len(selection.selected) > 1:
@@ -71,7 +71,7 @@ def stepwise_search(posterior: Posterior, dispersion: Array, start: Mapping[Grou
         if set(selection.selected) in seen:
             break
         seen.append(set(selection.selected))
-    for _ in range(0 if time_is_up(SEARCH) else 2):
+    for _ in range(0 if time_is_up(LAW_SEARCH) else 2):
         before, selection = selection.selected, _exchanged(_simplified(selection), EXCHANGE_LOG_ODDS / 2)
         if before == selection.selected:
             break
@@ -154,7 +154,7 @@ def _best_candidate(selection: Selection, odds: Mapping[Key, Odds], trusted: flo
 
     count = len(selection.selected)
     for candidate in sorted(candidates, key=rank):
-        if candidate.log < usual or time_is_up(SEARCH):
+        if candidate.log < usual or time_is_up(LAW_SEARCH):
             continue
         needed = required_log_odds(selection.posterior, candidate.best, trusted, count, usual, violations)
         if candidate.log >= needed and is_admissible(selection, candidate.best):
@@ -176,7 +176,7 @@ def _with(selection: Selection, chosen: Odds) -> Selection:
 def _exchanged(selection: Selection, better: float, joints: Collection[int] | None = None) -> Selection:
     """Compare each selected law that acts on one of some joints (None: all) with all others; replace or drop it."""
     for group in selection.selected:
-        if time_is_up(SEARCH):
+        if time_is_up(LAW_SEARCH):
             break
         if joints is None or not set(selection.data.rows(group)).isdisjoint(joints):
             selection = _exchange(selection, group, better)
@@ -223,7 +223,7 @@ def prune(dataset: Dataset, session: Session, selection: Selection) -> Selection
     The residual is that of the extended simulation, since laws change each other's torque.
     """
     selection = _significant(_possible(selection))
-    while selection.selected and not time_is_up(SEARCH):
+    while selection.selected and not time_is_up(LAW_SEARCH):
         worst, harm = max(_training_harm(dataset, session, selection).items(), key=lambda item: item[1])
         if harm <= 0:
             return selection
@@ -328,7 +328,7 @@ def is_admissible(selection: Selection, group: Group) -> bool:
     value = fit.value[fit.place(group)]
     data = selection.data
     rms = [np.sqrt(np.mean((data.raw(j, group) @ value) ** 2)) / data.scale[j] for j in data.rows(group)]
-    if max(rms) < LEAST_TORQUE_SHARE or (prior.mean and not _is_on(group, float(value[0]))):
+    if max(rms) < MIN_LAW_TORQUE_SHARE or (prior.mean and not _is_on(group, float(value[0]))):
         return False
     if not has_possible_numbers(group, value) or not _has_right_sign(group, prior, fit):
         return False
@@ -363,7 +363,7 @@ def _has_bodies(posterior: Posterior, group: Group, fit: Fitted) -> bool:
     std = np.sqrt(np.diag(fit.covariance)[place])
     asked = posterior.feasibility.setdefault(group, [])
     for value, answer in asked:
-        if np.all(np.abs(value - fit.value[place]) <= SAME_ANSWER * std):
+        if np.all(np.abs(value - fit.value[place]) <= ANSWER_TOLERANCE * std):
             return answer
     covariance = np.diag(np.full(step.size, UNCHANGED_VARIANCE))
     at = 10 * body + np.arange(len(numbers))

@@ -15,7 +15,7 @@ from ...errors import one_line
 from ...model import Model
 from ...recording.names.mapping import quoted
 from ...robot.joints import name_pattern
-from ...servos import MARKS, PASSIVE, SERVO_NUMBERS, SERVO_UNITS, Servo, servos_document
+from ...servos import MARK_KEYS, PASSIVE_LAWS, SERVO_NUMBERS, SERVO_UNITS, Servo, servos_document
 from ...types import Actuators, Array
 from .bodies import Exported, fixed_note, summed
 from .drives import curved, left_out
@@ -119,7 +119,7 @@ def write_actuators(model: Model) -> Exported:
 def _servo_lines(servo: Servo) -> list[str]:
     """Keys of a drive that are not keys of its joint; numbers without an effect or not known are left out."""
     lines = [f'law = "{servo.law}"', *([f'kd_on = "{servo.kd_on}"'] if servo.kd_on != Servo.kd_on else [])]
-    for key in (name for name in SERVO_NUMBERS if name not in (*PASSIVE, "droop", *left_out(servo))):
+    for key in (name for name in SERVO_NUMBERS if name not in (*PASSIVE_LAWS, "droop", *left_out(servo))):
         value = float(getattr(servo, key))
         if np.isfinite(value) and (value > 0 or key in ("kd", "delay")):
             known = "; not identifiable, as stated before" if key in servo.not_identifiable else ""
@@ -154,7 +154,7 @@ def write_ros(model: Model) -> Exported:
     robot, bodies = model.robot, list(model.bodies().inertias)[1:]
     drives, servos = _driven(model), servos_document(model.servos, robot.joints)
     for joint, servo in model.servos.items():
-        servos[joint] = {key: x for key, x in servos[joint].items() if key not in (*left_out(servo), *MARKS)}
+        servos[joint] = {key: x for key, x in servos[joint].items() if key not in (*left_out(servo), *MARK_KEYS)}
     for joint, limit in zip(robot.joints, robot.effort_limit.tolist(), strict=True):
         drives[joint] |= {"effort_limit": limit} if 0 < limit < np.inf else {}
     parameters = {

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...errors import OptionError, shorten
 from ...model import Model, with_servos
-from ...servos import PASSIVE, SERVO_NUMBERS, Servo
+from ...servos import PASSIVE_LAWS, SERVO_NUMBERS, Servo
 from .formats import MAX_NAMES
 from .shapes import words
 
@@ -36,7 +36,7 @@ def with_known_numbers(model: Model, gain: bool) -> tuple[Model, list[str]]:
         known = {name: getattr(Servo, name) if x is None else x for name, x in servo.not_identifiable.items()}
         servos[joint] = replace(servo, **known, **(_rounded(servo) if gain else {}))  # type: ignore[arg-type]
     return with_servos(model, servos, complete=True), list(
-        _unknown_notes(model.servos, SERVO_NUMBERS if gain else PASSIVE)
+        _unknown_notes(model.servos, SERVO_NUMBERS if gain else PASSIVE_LAWS)
     )
 
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...servos import LARGEST as PLAUSIBLE, LOOP_NUMBERS, Servo, ServoGrid
+from ...servos import LOOP_NUMBERS, MAX_NUMBER as PLAUSIBLE, Servo, ServoGrid
 from ...types import Array, Mask
 from ..given import Bounds, Prior
 from ..plant.course import Copies, Moved, copies_of

@@ -13,7 +13,7 @@ from ...errors import decimals, shorten
 from ...estimation.repeats import SERVO, VaryingNumber, varying_sentence
 from ...model import Model, command_model
 from ...robot.joints import name_pattern, similar_joints
-from ...servos import PASSIVE, SERVO_NUMBERS, SUMS, Servo, ServoGrid
+from ...servos import PASSIVE_LAWS, SERVO_NUMBERS, SUM_PARTS, Servo, ServoGrid
 from ...types import Array, Robot
 from ..fit import ServoFit, fit_servos, start_limits
 from ..given import OWN, Assumptions
@@ -128,7 +128,7 @@ def conclude(
     data, fit, facts, rolled = judged.data, judged.fit, judged.facts, judged.rollout
     joints = tuple(_joint(joint, fit, chosen, facts[joint], known.assumptions) for joint in fit.servos)
     robot, added = model.robot, list(remarks)
-    servos = _marked(fit.servos, joints, known.stated, robot)
+    servos = _mark(fit.servos, joints, known.stated, robot)
     if worse_than_stated(rolled):
         servos = nominal_servos(robot, fit.servos, known.stated)
         model, added = described, [*added, worse_flag(rolled)]
@@ -173,10 +173,10 @@ def varying_drives(joints: Sequence[ServoJoint], fit: ServoFit) -> Iterator[Vary
     found = {one.joint: one.numbers for one in joints}
     for k in np.flatnonzero(fit.spread).tolist():
         joint, name = fit.names[k]
-        numbers, whole = found[joint], next((total for total, parts in SUMS.items() if name in parts), name)
+        numbers, whole = found[joint], next((total for total, parts in SUM_PARTS.items() if name in parts), name)
         for key, size in {name: 1.0, whole: 1.0, f"{whole}/kp": fit.servos[joint].kp}.items():
             if (number := numbers.get(key)) is not None and number.value is not None:
-                effect, parameter = (key, next(iter(EFFECTS[key].parameters))) if key in PASSIVE else (SERVO, key)
+                effect, parameter = (key, next(iter(EFFECTS[key].parameters))) if key in PASSIVE_LAWS else (SERVO, key)
                 yield VaryingNumber(effect, joint, parameter, float(fit.spread[k]) / size, number.unit)
                 break
 
@@ -197,7 +197,7 @@ def _estimates(one: ServoJoint) -> dict[str, tuple[float, float]]:
 
 def _identified(own: Mapping[str, Estimates], joints: Sequence[ServoJoint]) -> dict[str, Estimates]:
     """Numbers of joints, without those that are not identifiable even if they are common; kd as part of the damping."""
-    whole = {part: name for name, parts in SUMS.items() if name == "damping" for part in parts}
+    whole = {part: name for name, parts in SUM_PARTS.items() if name == "damping" for part in parts}
     lost = {(one.joint, name) for one in joints for name, number in one.numbers.items() if number.value is None}
     return {
         joint: {name: x for name, x in numbers.items() if (joint, whole.get(name, name)) not in lost and name != OWN}
@@ -205,20 +205,19 @@ def _identified(own: Mapping[str, Estimates], joints: Sequence[ServoJoint]) -> d
     }
 
 
-def _marked(
-    servos: Mapping[str, Servo], joints: Sequence[ServoJoint], stated: Stated, robot: Robot
-) -> dict[str, Servo]:
+def _mark(servos: Mapping[str, Servo], joints: Sequence[ServoJoint], stated: Stated, robot: Robot) -> dict[str, Servo]:
     """Drives that know which of their numbers are not identifiable, and what was stated of them before."""
     out = dict(servos)
     for one in joints:
-        known = {n: float(x) for n in PASSIVE if np.isfinite(x := getattr(robot.actuators, n)[robot.index(one.joint)])}
+        j = robot.index(one.joint)
+        known = {name: float(x) for name in PASSIVE_LAWS if np.isfinite(x := getattr(robot.actuators, name)[j])}
         known |= {name: float(x) for name, x in stated.get(one.joint, {}).items() if name in SERVO_NUMBERS}
         lost = {name for name, number in one.numbers.items() if number.value is None and name in SERVO_NUMBERS}
-        combined = tuple(name for name, parts in SUMS.items() if _has(one, name) and lost.issuperset(parts))
-        lost = lost.difference(*(SUMS[name] for name in combined))
+        combined = tuple(name for name, parts in SUM_PARTS.items() if _has(one, name) and lost.issuperset(parts))
+        lost = lost.difference(*(SUM_PARTS[name] for name in combined))
         unknown = {name: known.get(name) for name in SERVO_NUMBERS if name in lost}
         std = {name: number.std for name, number in one.numbers.items() if name in SERVO_NUMBERS}
-        std |= {part: one.numbers[name].std for name in combined for part in SUMS[name]}
+        std |= {part: one.numbers[name].std for name in combined for part in SUM_PARTS[name]}
         found = {name: float(x) for name, x in std.items() if x}
         out[one.joint] = replace(out[one.joint], not_identifiable=unknown, combined=combined, std=found)
     return out

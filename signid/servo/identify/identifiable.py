@@ -10,7 +10,7 @@ import numpy as np
 
 from ...errors import decimals, shorten
 from ...parameters import Array
-from ...servos import LOOP_UNITS, SERVO_UNITS, SUMS, Servo
+from ...servos import LOOP_UNITS, SERVO_UNITS, SUM_PARTS, Servo
 from ..given import Bounds, Prior
 from .result import ServoNumber
 
@@ -154,7 +154,7 @@ def _ratios(servo: Servo, free: Sequence[str], covariance: Array, facts: JointFa
     k, found = free.index("kp"), dict[str, ServoNumber]()
     given = covariance - np.outer(covariance[:, k], covariance[k]) / max(covariance[k, k], 1e-300)
     for name in RATIOS:
-        parts = [i for i, n in enumerate(free) if n in SUMS.get(name, (name,))]
+        parts = [i for i, n in enumerate(free) if n in SUM_PARTS.get(name, (name,))]
         value, key = getattr(servo, name) / servo.kp, WAVE if name == "armature" else f"{name}/kp"
         if not parts or not np.isfinite(value):
             continue

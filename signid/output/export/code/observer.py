@@ -8,11 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ....model import Model
-from ....watch.blocks import HALF
-from ....watch.intake import LEAST, LOST
-from ....watch.observer import BELOW, GAIN, MORE, RINGING
-from ....watch.quiet import LITTLE, MOVED, PEAK, SHARE, SIGMAS, STRANGE
-from ....watch.watcher import APART, JITTER, LASTING, LEAVE, PATIENCE, SLOWEST, STILL, WARM
+from ....watch import blocks, intake, observer, quiet, watcher
 from ..bodies import summed
 from .graph import Graph
 from .laws import directed_laws
@@ -68,27 +64,27 @@ def observer_code(model: Model, name: str) -> ObserverCode:
 
 
 _OBSERVER_CONSTANTS = {
-    "GAIN": GAIN,
-    "RINGING": RINGING,
-    "HALF": HALF,
-    "MORE": MORE,
-    "BELOW": BELOW,
-    "SIGMAS": SIGMAS,
-    "PEAK": PEAK,
-    "SHARE": SHARE,
-    "STRANGE": STRANGE,
-    "LITTLE": LITTLE,
-    "LEAVE": LEAVE,
-    "LASTING": LASTING,
-    "APART": APART,
-    "LOST": LOST,
-    "LEAST": LEAST,
-    "JITTER": JITTER / np.sqrt(6.0),  # of the second difference of a velocity
-    "SLOWEST": SLOWEST,
-    "STILL": STILL,
-    "MOVED": MOVED,
-    "WARM": WARM,
-    "PATIENCE": PATIENCE,
+    "GAIN": observer.OBSERVER_GAIN,
+    "RINGING": observer.RINGING_TIME,
+    "HALF": blocks.VELOCITY_HALF_WINDOW,
+    "MORE": observer.CREEP_FRICTION_GROWTH,
+    "BELOW": observer.CREEP_SPEED_RATIO,
+    "SIGMAS": quiet.THRESHOLD_RATIO,
+    "PEAK": quiet.PEAK_THRESHOLD_RATIO,
+    "SHARE": quiet.FRICTION_ERROR_SHARE,
+    "STRANGE": quiet.UNMOVED_ERROR_SHARE,
+    "LITTLE": quiet.TORQUE_CHANGE_SHARE,
+    "LEAVE": watcher.CONTACT_END_RATIO,
+    "LASTING": watcher.CONTACT_START_TIME,
+    "APART": watcher.CONTACT_END_TIME,
+    "LOST": intake.RESET_GAP_STEPS,
+    "LEAST": intake.MIN_RESET_GAP,
+    "JITTER": watcher.SLOW_SPEED_DEVIATIONS / np.sqrt(6.0),  # of the second difference of a velocity
+    "SLOWEST": watcher.SLOW_SPEED_RATIO,
+    "STILL": watcher.MIN_SLOW_SPEED,
+    "MOVED": quiet.MIN_MOTION_TIME,
+    "WARM": watcher.SPEED_SHARE,
+    "PATIENCE": watcher.MAX_QUIET_RATIO,
     "RECENT": ROW_WEIGHT,
 }
 _HEADER = """

@@ -256,9 +256,9 @@ def verdict_words(result: Diagnosis) -> str:
 
 def is_unreliable(flags: Sequence[str]) -> bool:
     """Whether a flag of a diagnosis says more than that other laws explain the recordings as well."""
-    from ....diagnose.findings.thresholds import AMBIGUOUS
+    from ....diagnose.findings.thresholds import AMBIGUOUS_WORDS
 
-    return any(AMBIGUOUS not in flag for flag in flags)
+    return any(AMBIGUOUS_WORDS not in flag for flag in flags)
 
 
 def by_size(result: Diagnosis) -> tuple[list[Finding], list[Finding]]:

@@ -13,7 +13,7 @@ from rich.text import Text
 from ....effects import EFFECTS
 from ....model import standard_parameters
 from ....parameters import Array, pseudo_inertia
-from ....servos import PASSIVE
+from ....servos import PASSIVE_LAWS
 from ....types import Input
 from ..documents import Document, description, ending, opening, picked, stamps_clock
 from ..layout import Worse, plural, share, thousandths
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from ....servo.identify import FrictionModel, ServoIdentification, ServoJoint, ServoNumber, ServoRollOut
 
 LEADING = ("kp", "damping", "delay", "lag", "effort_limit", "armature", "coulomb_friction", "load_friction")
-EFFECT_NUMBERS = (*PASSIVE, "load_friction")  # numbers of a drive that are written as effects
+EFFECT_NUMBERS = (*PASSIVE_LAWS, "load_friction")  # numbers of a drive that are written as effects
 MAX_ROUNDED = 1e-9  # eigenvalue over trace of a pseudo-inertia that counts as 0, as of a link without mass
 DRIVE_NUMBERS_LEGEND = (
     "damping: kd of the drive, viscous friction and back-EMF together; lag: delay + damping / kp; saturated: share of "
