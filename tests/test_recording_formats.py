@@ -192,7 +192,7 @@ def test_parquet_keeps_only_the_slabs_read_last(tmp_path: Path, monkeypatch: pyt
     for start in range(0, 1234, 70):
         low = max(0, start - 30)
         np.testing.assert_array_equal(table.read(("c", "a"), low, start + 70), values[low : start + 70, [2, 0]])
-        assert len(table._slabs) <= parquet.KEPT
+        assert len(table._slabs) <= parquet.CACHED_SLABS
     np.testing.assert_array_equal(table.read(("a", "i", "b"), 0, 1234)[:, 1:], np.tile([7, 1], (1234, 1)))
     np.testing.assert_array_equal(table.read(("d",), 5, 1200)[:, 0], values[5:1200, 3].astype(np.float32))
 

@@ -26,13 +26,13 @@ JUMP_AWAY, USUAL_STEPS, FLICKER, OUTER = 0.12, 8.0, 5.0, 0.01
 FEW_LEVELS = {"position": 2, "command": 10, "torque": VALUES}  # values of a column without spikes: it has few levels
 # Smallest number of spikes, and smallest share of the samples [1]. Healthy: 0 of positions, 0.001 of commands
 FEWEST_SPIKES = {"position": (3, 0.0), "command": (3, 5e-3), "torque": (5, 1e-3)}
-SAME = 0.8  # [1] smallest share of the spikes with the same value: drop-outs
+EQUAL_SPIKES_SHARE = 0.8  # [1] smallest share of the spikes with the same value: drop-outs
 # [1] smallest share of the variance that drop-outs and spikes add (real arms: 0.02 of torques); the share of a position
 # from which on it is useless (real arms: 1.6e-3)
 POWERS, BROKEN = {"position": (0.0, 0.0), "command": (0.0, 0.0), "torque": (0.03, 0.5)}, 5e-3
 # Standstill of a position: smallest duration [s] and number of samples, and smallest duration of one that is no lost
 # sample [s]
-HOLD, ROWS, STILL = 0.05, 5, 0.25
+HOLD, ROWS, LONG_HOLD = 0.05, 5, 0.25
 # A sensor is stuck if the position stops within one row: smallest of the steps before, and the same where the command
 # stops in that row, in steps of the encoder (healthy: 4.0, 1.0); smallest last step over the largest change between
 # them (healthy: 2.0); or smallest of them in steps of the encoder and over the range [1], and last one over the largest
@@ -43,9 +43,9 @@ JUMP, JUMP_STEPS, MOVING = 2.5, 5.0, 4
 STUCK_SHARE = 0.05  # [1] share of the rows from which on a stuck position makes a recording useless
 LEVELS, COARSE_STEP = 100, {"rad": 0.01, "m": 1e-3}  # values, and size of their step, fewer and larger: coarse
 # Few values of torque: largest number; smallest step between them over the standard deviation
-FEW, STEP = 8, 0.5
+MAX_TORQUE_VALUES, STEP = 8, 0.5
 STRONG = 0.1  # [1] standard deviation of a torque over that of the strongest one, below which spikes are not judged
-WIDE, PLACES = 0.1, 50  # a joint moves: smallest range over that of the widest joint [1], smallest number of values
+MIN_RANGE_RATIO, PLACES = 0.1, 50  # a joint moves: least range over the widest joint's [1], least number of values
 # Clipping: smallest number of samples at the extreme value, their smallest share of all samples [1], and the smallest
 # length of their longest run; their smallest number over that within a band below, and the width of the band [ranges]
 OFTEN, CLIPPED, RUN, NEXT, BAND = 10, 2e-3, 4, 5.0, 5e-3
@@ -106,7 +106,7 @@ def outliers(column: Column) -> Iterator[RecordingFault]:
     power = float(np.sum(size[size > far] ** 2)) / (len(x) * float(np.var(x)))
     measures = {"count": float(len(out)), "share": len(out) / len(x), "power": power}
     severity = REFUSE if column.signal == "position" and power >= BROKEN else WARN
-    if counts.max() >= SAME * len(out) and power >= broken[0]:
+    if counts.max() >= EQUAL_SPIKES_SHARE * len(out) and power >= broken[0]:
         value = float(values[np.argmax(counts)])
         said = f"drops to {value:.4g} for single samples, {counts.max()} times: samples were lost"
         said += "; leave them empty instead of filling them"
@@ -133,7 +133,7 @@ def stuck_position(column: Column) -> Iterator[RecordingFault]:
             sudden |= together and size.min() > TOGETHER * step
             sides = [np.abs(d[max(a - ROWS, 0) : a]), np.abs(d[b + 1 : b + 1 + ROWS])]
             moves = all(len(side) == ROWS and np.count_nonzero(side) >= MOVING for side in sides)
-            if seconds >= STILL and not column.weak and sudden:
+            if seconds >= LONG_HOLD and not column.weak and sudden:
                 stuck, rows = [*stuck, (seconds, abs(float(last[-1] / (t[a] - t[a - 1]))))], rows + b - a
             elif moves and abs(d[b]) > max(JUMP * float(np.max(sides)), JUMP_STEPS * step):
                 lost.append(seconds)
@@ -164,7 +164,7 @@ def few_values(column: Column) -> Iterator[RecordingFault]:
     x = np.concatenate(column.x)
     values = np.unique(x)
     step = float(np.median(np.diff(values))) if len(values) > 1 else 0.0
-    if not column.weak and len(values) <= FEW and step >= STEP * np.std(x):
+    if not column.weak and len(values) <= MAX_TORQUE_VALUES and step >= STEP * np.std(x):
         said = f"has only {len(values)} different values, {step:.3g} apart"
         said += "; record it with more digits, not as a state or in coarse steps"
         yield column.fault("few torque values", WARN, said, values=float(len(values)), step=step)
@@ -181,7 +181,7 @@ def clipping(column: Column) -> Iterator[RecordingFault]:
                 said = f"is clipped at {value:.4g} {column.unit} in {count} samples"
                 said += "; raise the limit of drive or logger, or move more slowly"
                 yield column.fault("clipping", WARN, said, count=float(count), value=value)
-        runs = [(a, b) for a, b in true_runs(np.diff(tau) == 0) if t[b] - t[a] >= STILL]
+        runs = [(a, b) for a, b in true_runs(np.diff(tau) == 0) if t[b] - t[a] >= LONG_HOLD]
         stuck = [b - a + 1 for a, b in runs if np.ptp(q[a : b + 1]) > TRAVEL * np.ptp(q)]
         if stuck and not any(count for count, _ in sides):
             seconds = max(stuck) * float(np.median(np.diff(t)))
@@ -251,7 +251,7 @@ def judge_samples(parts: Sequence[Part], robot: Robot) -> list[RecordingFault]:
 def torque_columns(rows: Samples, signed: Mask, robot: Robot) -> Iterator[Column]:
     """Positions and torques of a recording of torque; signed: (n,) whether torque has its sign."""
     q, tau = rows.q, rows.tau
-    moves = np.ptp(q, axis=0) >= WIDE * np.ptp(q, axis=0).max()
+    moves = np.ptp(q, axis=0) >= MIN_RANGE_RATIO * np.ptp(q, axis=0).max()
     moves &= [len(np.unique(x)) > PLACES for x in q.T]
     size = np.where(np.isfinite(tau).all(axis=0), np.nan_to_num(tau).std(axis=0), 0.0)
     strong = moves & signed & (size > STRONG * size.max())

@@ -20,7 +20,7 @@ from ..regression.motion import Motion
 from ..robot import held_positions, robot_from_text
 from ..robot.dynamics import moved_bodies, own_body
 from ..types import Array, Frozen, Indices, Mask, Robot
-from .evidence import AGREE, LAG, SPRING, FaultEvidence, Signals, agreement, far_better, missing_laws, unexplained
+from .evidence import LAG, MIN_AGREED, SPRING, FaultEvidence, Signals, agreement, far_better, missing_laws, unexplained
 from .result import REFUSE, WARN, RecordingFault, named
 
 SEARCH = "the search for distorted recordings"
@@ -35,11 +35,11 @@ FINER = (0.84, 0.92, 1.09, 1.19)  # [1] factors around the best one
 POWERS = (0.5, 2.0)  # [1] that undo a square and a square root
 # Long lags: [1] unexplained share of a joint from which on they are tried; [s] longest one; [1] its longest share of a
 # recording; [s] step of the candidates, and number of finer steps in it
-BAD, LONGEST, PART, STEP, BETWEEN = 0.1, 10.0, 0.4, 0.04, 8
+BAD, MAX_LONG_LAG, PART, STEP, BETWEEN = 0.1, 10.0, 0.4, 0.04, 8
 ROWS = 400  # rows with which candidates are compared
 # Held joints: largest number; [rad] first and finer steps of their positions; [nats] least reduction for each; [1]
 # unexplained share of a joint that is not reduced further
-MOST, GRID, STEPS, EACH, FINEST = 6, np.pi / 12, (0.12, 0.04, 0.013, 0.004), 0.9, 1e-4
+MAX_HELD_JOINTS, GRID, STEPS, EACH, FINEST = 6, np.pi / 12, (0.12, 0.04, 0.013, 0.004), 0.9, 1e-4
 # [1] smallest unexplained share of a joint whose other axes are tried; largest cosine of their angle to the stated one
 ACCUSED, ASIDE = 0.01, 0.8
 TIE = 0.1  # [nats] difference up to which clocks are alike, since rotors can replace inertia: the nearest one is named
@@ -178,7 +178,7 @@ def _posed(robot: Robot, left: Callable[[_Trial, float], float]) -> _Trial | Non
     moved, masses = moved_bodies(whole), np.array([body.mass for body in list(whole.model.inertias)[1:]])
     chains = moved[[whole.index(joint) for joint in robot.joints]].any(axis=0)
     free = [j for j in map(whole.index, held) if not whole.prismatic[j] and (moved[j] & chains).any()]
-    free = sorted(free, key=lambda j: -float(masses[moved[j]].sum()))[:MOST]
+    free = sorted(free, key=lambda j: -float(masses[moved[j]].sum()))[:MAX_HELD_JOINTS]
     if not free:
         return None
     stated, units = np.array([held[whole.joints[j]] for j in free]), np.eye(len(free))
@@ -240,7 +240,7 @@ def _judged(evidence: FaultEvidence, informative: Mask, trial: _Trial, rest: flo
     if least < LEAST_GAIN or not len(betters) or alone or after[betters].max() > GOOD:
         return None
     share = agreement(plain, signals, block, betters.tolist(), betters.tolist())
-    if share < AGREE:
+    if share < MIN_AGREED:
         return None
     shares = float(before[betters].mean()), float(after[betters].mean())
     joints = () if trial.joint < 0 else (trial.joint,)
@@ -280,7 +280,7 @@ def _trials(evidence: FaultEvidence, bad: bool) -> Iterator[_Trial]:
         yield from (_Trial("clock", -1, factor) for factor in TIMES)
     yield from (_Trial("square" if power < 1 else "square root", -1, power) for power in POWERS)
     yield from (_Trial(kind, -1, -1.0) for kind in ("reversed torque", "reversed positions", "reversed time"))
-    most = min(LONGEST, PART * max(float(np.ptp(t)) for t in evidence.moments)) if bad else 0.0
+    most = min(MAX_LONG_LAG, PART * max(float(np.ptp(t)) for t in evidence.moments)) if bad else 0.0
     for lag in np.arange(LAG, most, STEP):
         yield from (_Trial("long lag", -1, side * float(lag)) for side in (1, -1))
 

@@ -26,7 +26,7 @@ from ..types import INERTIAL, Array, Frozen, Indices, Mask, Robot
 from .result import REFUSE, RecordingFault
 
 SAMPLES = 2**16  # largest number of samples of all recordings together
-FINE = 4  # samples of the filtered torque per row of identification, for lags between rows
+SAMPLES_PER_ROW = 4  # samples of the filtered torque per row of identification, for lags between rows
 ROWS = 1500  # largest number of rows of all recordings together
 BLOCKS = 8  # smallest number of blocks of all recordings; a fault must show in most of them
 LAG = 0.25  # [s] longest lag
@@ -35,7 +35,7 @@ PER_UNKNOWN = 2.5  # smallest number of rows per unknown, for the joint with mos
 BEYOND = 3.0  # [1] largest cut-off over the highest frequency of the motion
 MOTION = 6.25  # [Hz] highest frequency of a motion; rows beyond it have no new information
 # [1] unexplained share after an accepted correction over that before, of some torques and of one; share of the blocks
-BETTER, MUCH, AGREE = 0.5, 0.35, 0.8
+REST_RATIO, LONE_REST_RATIO, MIN_AGREED = 0.5, 0.35, 0.8
 SPARE = 1.05  # [1] recommended duration over the necessary one
 
 
@@ -156,13 +156,13 @@ def gather(model: Model, session: Session, parts: Sequence[Part], signed: Mask |
     """
     task, most = session.task, SAMPLES // max(1, len(parts))
     frictionless = replace(model, laws=tuple(law for law in model.laws if not law.effect.dissipative))
-    thin = Decimator(task.band.taps, max(1, task.band.factor // FINE))
+    thin = Decimator(task.band.taps, max(1, task.band.factor // SAMPLES_PER_ROW))
     pieces = [_filtered(frictionless, task, part, thin, most) for part in parts]
     edge = round(LAG * task.band.rate / thin.factor)
     pieces = [(t, x) for t, x in pieces if len(t) > 2 * edge + BLOCKS]
     if not pieces:
         return None
-    every = max(FINE, -(-sum(len(t) for t, _ in pieces) // ROWS))
+    every = max(SAMPLES_PER_ROW, -(-sum(len(t) for t, _ in pieces) // ROWS))
     moments, rows = zip(*([x[edge : len(x) - edge : every] for x in piece] for piece in pieces), strict=True)
     each = -(-BLOCKS // len(rows))
     q, *signals = (np.ascontiguousarray(x) for x in np.split(np.concatenate(rows), SIGNALS, axis=1))
@@ -274,7 +274,7 @@ def agreement(before: Signals, after: Signals, block: Indices, joints: Sequence[
 def far_better(before: Array, after: Array, informative: Mask) -> Indices:
     """Informative joints that a correction improves much; before, after: (n,) [1] unexplained shares."""
     ratio = np.where(informative, after / np.maximum(before, 1e-300), 1.0)
-    return np.flatnonzero((ratio <= BETTER) & (ratio.min() <= MUCH))
+    return np.flatnonzero((ratio <= REST_RATIO) & (ratio.min() <= LONE_REST_RATIO))
 
 
 def informative_torques(x: Signals, signed: Mask) -> Mask:

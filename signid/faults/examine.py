@@ -37,7 +37,7 @@ from .search import CLAIMS, Claim, Gains, Lags, claim_faults, factor_faults, jud
 # [1] smallest unexplained share of a joint's torque that is a fault; smallest deviation of that torque over the
 # largest; smallest rms velocity of that joint over the largest
 UNEXPLAINED, DEVIATES, MOVES = 0.6, 0.05, 0.05
-CLEAR = 0.2  # [1] difference of unexplained shares by which the right sign or order is better than a wrong one
+SHARE_MARGIN = 0.2  # [1] difference of unexplained shares by which the right sign or order is better than a wrong one
 USABLE = 0.5  # [1] smallest share of bodies with mass, for the description to be used as a simulation
 CHANCE = 0.2  # [1] unexplained share after a claim, from which on it is chance if another torque remains unexplained
 AS_WELL = 0.9  # [nats] difference of log unexplained shares up to which gravity and a fault explain torque equally well
@@ -49,10 +49,10 @@ CAUSES = (*CLAIMS, "absolute torque", "units", "gain", UNFIT, *SAMPLE_KINDS, *DI
 # Absolute torque: largest minimum of the torque over its maximum [1]; smallest share of the rows with the rarer sign of
 # the predicted torque [1]; number of joints without negative torque that friction cannot explain; largest residual of
 # the absolute predicted torque, over the residual of the signed one, and over the torque (sums of squares) [1]
-NEAR, BOTH, SEVERAL = 0.02, 0.1, 2
-BETTER, ALIKE = 0.5, 0.2
-FAR = 0.05  # [ranges, or rad or m] excess of a position that is a rounding error of the description
-STRONGER, FASTER, LARGE = 1.05, 1.2, 1.5  # [1] tolerated torque and velocity over their limits; torque that is a fault
+TOUCH_RATIO, BOTH, SEVERAL = 0.02, 0.1, 2
+ABSOLUTE_RATIO, ABSOLUTE_REST = 0.5, 0.2
+LIMIT_EXCESS = 0.05  # [ranges, or rad or m] excess of a position that is a rounding error of the description
+STRONGER, FASTER, FAULT_RATIO = 1.05, 1.2, 1.5  # [1] tolerated torque and velocity over their limits; faulty torque
 LIMITS = {  # units of a revolute and of a prismatic joint; what to check
     "torque": (("N.m", "N"), "its unit"),
     "velocity": (("rad/s", "m/s"), "time and unit"),
@@ -303,7 +303,7 @@ def _verdicts(seen: TorqueComparison) -> tuple[tuple[str, ...], tuple[str, ...]]
     for j in range(n):
         rest = np.delete(others[:, j], j, axis=0).min(initial=1.0)
         for verdicts, faulty, rival in ((signs, wrong[0], others[j, j, 1]), (order, wrong[1], rest)):
-            right = seen.informative[j] and (n == 1 and verdicts is order or rival - seen.left[j] >= CLEAR)
+            right = seen.informative[j] and (n == 1 and verdicts is order or rival - seen.left[j] >= SHARE_MARGIN)
             verdicts.append("wrong" if j in faulty else "right" if right else UNCERTAIN)
     return tuple(signs), tuple(order)
 
@@ -319,8 +319,8 @@ def absolute_torques(evidence: FaultEvidence, parts: Sequence[Part]) -> Mask:
     raw = np.concatenate([np.nan_to_num(longest_rows(part).tau) for part in parts])
     least, most = raw.min(axis=0), raw.max(axis=0)
     never = evidence.signed & (least >= 0) & (most > 0)
-    touches = never & (least <= NEAR * most) & (rarer >= BOTH)
-    alike = (sizes <= BETTER * plain) & (sizes <= ALIKE * np.sum(torque**2, axis=0))
+    touches = never & (least <= TOUCH_RATIO * most) & (rarer >= BOTH)
+    alike = (sizes <= ABSOLUTE_RATIO * plain) & (sizes <= ABSOLUTE_REST * np.sum(torque**2, axis=0))
     lost = touches & (alike | ((touches & (sizes < plain)).sum() >= SEVERAL))
     return np.asarray(never if lost.any() else lost)
 
@@ -329,7 +329,7 @@ def judge_limits(evidence: FaultEvidence | None, parts: Sequence[Part], robot: R
     """Values beyond the limits of the description, with a tolerance for noise."""
     low, high, travel = robot.lower, robot.upper, robot.upper - robot.lower
     bottom, top = np.min([s.lower for _, s in parts], axis=0), np.max([s.upper for _, s in parts], axis=0)
-    room = FAR * np.maximum(1.0, np.where(np.isfinite(travel), travel, 1.0))
+    room = LIMIT_EXCESS * np.maximum(1.0, np.where(np.isfinite(travel), travel, 1.0))
     above, over = top - high >= low - bottom, (low < high) & ((top > high + room) | (bottom < low - room))
     found = [("position", np.where(above, top, bottom), np.where(above, high, low), over)]
     if evidence is not None:
@@ -345,7 +345,7 @@ def judge_limits(evidence: FaultEvidence | None, parts: Sequence[Part], robot: R
         for j in np.flatnonzero(exceeded):
             reached = f"{value[j]:.4g} {units[int(robot.prismatic[j])]}, beyond its limit of {limit[j]:.4g}"
             sentence = f"the {kind} of {robot.joints[j]} reaches {reached}; check {check}, or correct the description"
-            severity = WARN if kind == "torque" and value[j] >= LARGE * limit[j] else NOTE
+            severity = WARN if kind == "torque" and value[j] >= FAULT_RATIO * limit[j] else NOTE
             measures = {"value": float(value[j]), "limit": float(limit[j])}
             yield RecordingFault(f"{kind} limit", (robot.joints[j],), severity, measures, sentence)
 
@@ -358,7 +358,7 @@ MUCH = 0.6
 # torque that the model does not explain, largest static friction over their half range, and smallest share of rows
 # beyond it
 RANGE, BREAKAWAY, BEYOND = (2.0, 98.0), 1.5, 0.05
-LEAST = 20  # rows in standstills, and elsewhere
+MIN_STANDSTILL_ROWS = 20  # rows in standstills, and elsewhere
 
 
 def judge_standstills(evidence: FaultEvidence, parts: Sequence[Part]) -> Iterator[RecordingFault]:
@@ -369,7 +369,7 @@ def judge_standstills(evidence: FaultEvidence, parts: Sequence[Part]) -> Iterato
     """
     for j, joint in enumerate(evidence.robot.joints):
         still, seconds = _standstills(evidence, parts, j)
-        if not evidence.signed[j] or min(still.sum(), (~still).sum()) < LEAST:
+        if not evidence.signed[j] or min(still.sum(), (~still).sum()) < MIN_STANDSTILL_ROWS:
             continue
         x, at_rest = (evidence.plain.joint(j).rows(rows) for rows in (~still, still))
         gain = float(fit_passive(x).gain[0, 0])

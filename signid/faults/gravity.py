@@ -20,7 +20,7 @@ from ..robot.joints import gravity_text, root_link
 from ..types import Array, Frozen, Mask
 from .distortions import axis_words, descend, nats, thinned
 from .evidence import (
-    AGREE,
+    MIN_AGREED,
     Correction,
     FaultEvidence,
     Signals,
@@ -122,7 +122,7 @@ def _judged(
         return None
     blocks = [[x[evidence.block == k][:, betters].sum() for k in np.unique(evidence.block)] for x in squares]
     agreement = float(np.mean(np.less(blocks[1], blocks[0])))
-    if agreement < AGREE:
+    if agreement < MIN_AGREED:
         return None
     return GravityEstimate(
         value,

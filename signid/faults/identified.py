@@ -27,29 +27,29 @@ from .evidence import FaultEvidence
 from .examine import examine
 from .result import NOTE, RecordingFault
 
-LOUD = 3.0  # [noise floors] held-out rms from which on it is more than noise
-# A joint fits badly if its held-out rms exceeds FAR [noise floors], and its held-out R2 is below `LITTLE`, or R2 with
+NOISE_RATIO = 3.0  # [noise floors] held-out rms from which on it is more than noise
+# A joint fits badly if its held-out rms exceeds MISFIT_FLOORS [noise floors] and its R2 is below MIN_R2, or R2 with
 # the variance of the training torque is below POOR [1]. Measured on real arms with such a low R2: healthy joints have
 # at most 33 floors (rokae motor side, UR10e, UR10e from point to point), joints whose physics the model lacks 81 and
 # more (TX40's coupled wrist, joint 5; the dVRK's MTM with its loops; an AK80-6 pendulum's echoed command)
-FAR, POOR = 50.0, 0.9
-WORSE = 1.05  # [1] rms over that of the description, from which on the fit is worse
+MISFIT_FLOORS, POOR = 50.0, 0.9
+DESCRIBED_RMS_RATIO = 1.05  # [1] rms over that of the description, from which on the fit is worse
 TRIFLE = 1e-3  # [1] held-out rms over the rms torque up to which no use of a model depends on it; heuristic
 SECONDS = 30.0  # [s] total duration of the evenly spread stretches that are read
 SPARE = 2.0  # [rows per column] smallest number of rows
 # [s] smallest delay that is flagged, and largest one for a first-order estimate. Measured on real arms: TX40 -3.0 ms;
 # UR10e, panda and EMPS within 3 standard deviations of 0. `judge_lags` finds longer delays
-LEAST, LONGEST = 0.003, 0.04
+MIN_FLAGGED_DELAY, MAX_LINEAR_DELAY = 0.003, 0.04
 # [standard deviations] smallest significant delay. Measured: 6 for rokae joint sensors; 11 and more for 8 ms, simulated
 # with 2 % noise
 SIGNIFICANT = 7.0
 # [1] mean square over the joints of the difference from the common delay, in standard deviations, up to which delays
 # have one cause, for certain and roughly. Measured: 41 TX40, 5.3 rokae motor side; simulated arms with torque 8 ms late
 # or early 0.1 to 1.6, 3.9 (ur10, early)
-ALIKE, ROUGHLY = 3.0, 10.0
+COMMON_SCATTER, ROUGH_SCATTER = 3.0, 10.0
 # [1] smallest mean reduction of the log variance of the residual. Measured: 0.26 TX40, 0.15 rokae; 0.46 and more for
 # 8 ms, simulated without noise
-CLEAR = 0.4
+MIN_VARIANCE_GAIN = 0.4
 NEGATIVE = 0.5  # [1] share of joints with negative viscous friction from which on torque leads
 YIELDS = 0.5  # [1] torque that a law leaves, over what a correction leaves, below which the law is named instead
 NEXT = "run signid check on the recordings, then signid diagnose"
@@ -75,11 +75,11 @@ class Delay(NamedTuple):
 
     def is_clear(self, negative: float) -> bool:
         """Whether it is large and certain enough for a flag; `negative`: share of negative viscous friction [1]."""
-        if not LEAST <= abs(self.common) <= LONGEST or abs(self.common) < SIGNIFICANT * self.std:
+        if not MIN_FLAGGED_DELAY <= abs(self.common) <= MAX_LINEAR_DELAY or abs(self.common) < SIGNIFICANT * self.std:
             return False
         leads = self.common < 0 and negative >= NEGATIVE
-        strong = (self.gain >= CLEAR or leads) and not self.scatter > ROUGHLY
-        return strong or self.scatter <= ALIKE
+        strong = (self.gain >= MIN_VARIANCE_GAIN or leads) and not self.scatter > ROUGH_SCATTER
+        return strong or self.scatter <= COMMON_SCATTER
 
 
 def identification_flags(
@@ -119,8 +119,8 @@ def _bad(fit: Fit, variance: Array, sound: Mask) -> Iterator[str]:
     """
     ratio, r2 = _floors(fit), fit.held_out_r2
     wide = 1 - fit.held_out_rms**2 / np.maximum(variance, 1e-300)
-    hopeless = (ratio > LOUD) & (r2 < MIN_R2) & (wide < MIN_R2)
-    bad = sound & (hopeless | ((ratio > FAR) & ((r2 < MIN_R2) | (wide < POOR))))
+    hopeless = (ratio > NOISE_RATIO) & (r2 < MIN_R2) & (wide < MIN_R2)
+    bad = sound & (hopeless | ((ratio > MISFIT_FLOORS) & ((r2 < MIN_R2) | (wide < POOR))))
     if bad.any():
         each = [f"{fit.joints[j]} (held-out R2 {r2[j]:.2f})" for j in np.flatnonzero(bad)]
         yield (
@@ -131,7 +131,7 @@ def _bad(fit: Fit, variance: Array, sound: Mask) -> Iterator[str]:
 
 def _worse(fit: Fit, described: Fit, sound: Mask) -> Iterator[str]:
     """A sentence on each joint that the description predicts better on the same held-out rows."""
-    worse = sound & (fit.held_out_rms > WORSE * described.held_out_rms) & (_floors(fit) > LOUD)
+    worse = sound & (fit.held_out_rms > DESCRIBED_RMS_RATIO * described.held_out_rms) & (_floors(fit) > NOISE_RATIO)
     for j in np.flatnonzero(worse):
         yield (
             f"the held-out torque of {fit.joints[j]} is predicted worse than by the description "

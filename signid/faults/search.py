@@ -19,9 +19,9 @@ from ..regression.projection import least_squares, leave
 from ..types import Array, Frozen, Mask, Robot
 from .distortions import nats
 from .evidence import (
-    AGREE,
-    BETTER,
     LAG,
+    MIN_AGREED,
+    REST_RATIO,
     Correction,
     FaultEvidence,
     Signals,
@@ -57,8 +57,8 @@ WELL, CLOSELY = 0.05, 0.01  # [1] unexplained share of a good fit, and of the cr
 # [nats] smallest reduction of the log unexplained variance by a claim; tolerance for rivals
 LEAST_GAIN, NEARLY = 0.8, 0.3
 LEAST_LEFT = 0.35  # [1] largest unexplained share after a claim on some joint
-WORSE = 0.25  # [1] increase of the unexplained share of any joint from which on a correction is rejected
-WIDE = 2 * np.pi  # smallest range of a position in degrees; smaller ones are radians, or a motion of a few degrees
+REST_INCREASE = 0.25  # [1] increase of the unexplained share of any joint from which on a correction is rejected
+DEGREE_RANGE = 2 * np.pi  # least range of a position in degrees; smaller ones are radians, or a motion of a few degrees
 POSITION_UNITS = {"degrees": np.pi / 180, "revolutions": 2 * np.pi, "millimetres": 1e-3}
 
 
@@ -106,22 +106,22 @@ def _next(evidence: FaultEvidence, done: Correction, informative: Mask) -> Claim
         left = _left(evidence, trial.correction)
         # An exchange improves all informative torques of its joints: an improvement of one may be chance
         own = [k for k in (done.tau_from[j] for j in trial.joints) if informative[k]] if "order" in trial.kind else []
-        if np.any((left - before)[evidence.signed] > WORSE) or any(left[k] > max(before[k], WELL) for k in own):
+        if np.any((left - before)[evidence.signed] > REST_INCREASE) or any(left[k] > max(before[k], WELL) for k in own):
             continue
         evaluated.append(((nats(left, informative, WELL), nats(left, informative, CLOSELY)), trial, left))
     if not evaluated:
         return None
     evaluated.sort(key=lambda one: (round(one[0][0], 1), one[0][1]))
     rank, best, left = evaluated[0]
-    if best.kind == "lag" and np.abs(best.correction.lag - done.lag).max() < LATE:
+    if best.kind == "lag" and np.abs(best.correction.lag - done.lag).max() < LARGE_LAG:
         return None
-    betters = np.flatnonzero(informative & (left <= BETTER * before))
+    betters = np.flatnonzero(informative & (left <= REST_RATIO * before))
     if nats(before, informative, WELL) - rank[0] < LEAST_GAIN or not np.any(left[betters] <= LEAST_LEFT):
         return None
     before_it, after_it = (evidence.corrected(correction) for correction in (done, best.correction))
     joints, moved = ([c.tau_from.index(k) for k in betters.tolist()] for c in (done, best.correction))
     share = agreement(before_it, after_it, evidence.block, joints, moved)
-    if share < AGREE:
+    if share < MIN_AGREED:
         return None
     rivals = (trial for other, trial, _ in evaluated[1:] if np.all(np.subtract(other, rank) < NEARLY))
     shares = float(before[betters].mean()), float(left[betters].mean())
@@ -163,7 +163,7 @@ def _trials(evidence: FaultEvidence, done: Correction, informative: Mask) -> Ite
     for unit, scale in POSITION_UNITS.items():
         which = tuple(np.flatnonzero(prismatic == (unit == "millimetres")).tolist())
         for joints in sorted({which, *((j,) for j in which)} - {()}):
-            if unit != "degrees" or np.ptp(evidence.q[:, list(joints)], axis=0).max() > WIDE:
+            if unit != "degrees" or np.ptp(evidence.q[:, list(joints)], axis=0).max() > DEGREE_RANGE:
                 yield CorrectionTrial(unit, joints, done.scale(joints, position=scale))
     lags, left = lag_table(evidence, done)
     for joints in sorted({tuple(range(n)), *((j,) for j in np.flatnonzero(informative).tolist())}):
@@ -196,25 +196,25 @@ def claim_faults(claims: Sequence[Claim], joints: Sequence[str], blocks: int) ->
 
 
 UNITS = {1e3: "mN.m", 1e-3: "kN.m", 10.197: "kgf.cm", 141.61: "ozf.in", 8.851: "lbf.in"}  # per N.m
-NEAR = log(1.35)  # [nats] largest distance of a factor from that of a unit
+UNIT_DISTANCE = log(1.35)  # [nats] largest distance of a factor from that of a unit
 MEANINGLESS = 5.0  # [1] factor of units from which on a diagnosis is meaningless
 STEPS = 25  # candidates on either side of zero
-LARGE, LATE = 0.25, 0.08  # [1] change of the torque by a lag over the rms torque, and [s]: from these on a lag is large
-# A lag is significant if the unexplained share falls to HALVES of that without it, by at least GAINS, to at most LEFT
-HALVES, GAINS, LEFT = 0.5, 0.02, 0.15  # [1]
+LAG_CHANGE, LARGE_LAG = 0.25, 0.08  # [1] change of the torque over its rms, and [s], from which on a lag is large
+# A lag is significant if the unexplained share falls to HALVES of that without, by at least GAINS, to at most LAG_REST
+HALVES, GAINS, LAG_REST = 0.5, 0.02, 0.15  # [1]
 TOGETHER, FLOOR = 1.5, 0.01  # [1] unexplained share of a common lag, over and above that of the joint's own best lag
 TINY = 1e-3  # [1] unexplained share below which lags count as equally good
 EDGE = 0.9  # [1] largest lag over the longest candidate; beyond it there is no minimum
 
 # [1] largest unexplained share of a good fit; smallest unexplained share without the prediction, over that with it, and
 # absolute
-FITS, RIGID, LEAST = 0.15, 3.0, 0.03
+FITS, RIGID, MIN_RIGID_REST = 0.15, 3.0, 0.03
 PRECISE = 0.1  # [1] largest standard error of a factor's logarithm
 # [1] smallest predicted torque over the strongest, and smallest speed over the fastest, that friction cannot explain
-SMALL, MOVES = 0.03, 0.05
+GAIN_TORQUE, MOVES = 0.03, 0.05
 ALL, LONE = 1.9, 3.0  # [1] factor of several joints, and of a single one, from which on the model is not the cause
 BEYOND = 5.0  # [1] factor from which on no change of a single body is the cause
-ALIKE = 1.5  # [1] ratio to the median up to which factors count as equal
+MAX_FACTOR_RATIO = 1.5  # [1] ratio to the median up to which factors count as equal
 ROTOR = 300.0  # [1] largest factor without gravity: geared rotors can dominate the links
 ONE = 1.65  # [1] ratio of one joint's factor to the median, from which on it is an error
 RIVAL = 0.6  # [1] largest residual with factors, over that with the best change of one body
@@ -251,7 +251,7 @@ def judge_lags(evidence: FaultEvidence, done: Correction, informative: Mask) -> 
     best = np.array([_minimum(lags, column) for column in left.T])
     zero, least = left[len(lags) // 2], left.min(axis=0)
     inside = informative & (np.abs(best) < EDGE * LAG) & (least <= zero)
-    saves = inside & (least <= np.minimum(HALVES * zero, LEFT)) & (zero - least >= GAINS)
+    saves = inside & (least <= np.minimum(HALVES * zero, LAG_REST)) & (zero - least >= GAINS)
     own = np.where(inside, best, np.nan)
     known = left[:, informative]
     common = _minimum(lags, np.log(np.maximum(known, TINY)).sum(axis=1)) if informative.any() else EDGE * LAG
@@ -265,9 +265,9 @@ def judge_lags(evidence: FaultEvidence, done: Correction, informative: Mask) -> 
     share = np.where(saves, changed / size, 0.0)
     if together and 2 * saves.sum() >= max(1, informative.sum()):
         # One clock: the change of all torques together counts, since a joint without gravity changes much alone
-        much = float(np.linalg.norm(changed[saves]) / np.linalg.norm(size[saves])) >= LARGE or abs(common) >= LATE
+        much = np.linalg.norm(changed[saves]) / np.linalg.norm(size[saves]) >= LAG_CHANGE or abs(common) >= LARGE_LAG
         return Lags(own, common, share, saves & much)
-    return Lags(own, common if together else np.nan, share, saves & (share >= LARGE) & (np.abs(best) >= LATE))
+    return Lags(own, common if together else np.nan, share, saves & (share >= LAG_CHANGE) & (np.abs(best) >= LARGE_LAG))
 
 
 def _rms(x: Array) -> Array:
@@ -289,7 +289,7 @@ def judge_gains(evidence: FaultEvidence, done: Correction) -> Gains:
     x, n = evidence.corrected(done), len(done.lag)
     factor, spread = np.full(n, np.nan), np.full(n, np.nan)
     strongest, speed = _rms(x.predicted).max(initial=0.0), _rms(x.v)
-    usable = evidence.signed & (np.std(x.predicted, axis=0) >= SMALL * strongest) & (speed >= MOVES * speed.max())
+    usable = evidence.signed & (np.std(x.predicted, axis=0) >= GAIN_TORQUE * strongest) & (speed >= MOVES * speed.max())
     some = [evidence.block != k for k in np.unique(evidence.block)]  # the jackknife over blocks
     for j in np.flatnonzero(usable).tolist():
         one, rotor = x.joint(j), not evidence.rotors[j]
@@ -309,7 +309,7 @@ def judge_gains(evidence: FaultEvidence, done: Correction) -> Gains:
         rival = min(_residual(scaled, known, motion.body_columns(body)) for body in range(n))
         return _residual(x._replace(predicted=x.predicted * own), known) <= RIVAL * rival
 
-    alike = np.mean(np.abs(np.log(factor[known] / middle)) <= np.log(ALIKE)) > 0.5
+    alike = np.mean(np.abs(np.log(factor[known] / middle)) <= np.log(MAX_FACTOR_RATIO)) > 0.5
     off = abs(np.log(middle))
     common = alike and (off >= np.log(BEYOND) or (off >= np.log(least) and beaten(1.0, np.full(n, middle))))
     apart = known & (np.abs(np.log(np.where(known, factor, 1.0) / middle)) >= np.log(ONE))
@@ -333,7 +333,7 @@ def _informative_gain(x: Signals, rotor: bool) -> float:
     """Gain of one joint's torque, if the fit is good and far better than without the predicted torque; else 0."""
     found = fit_passive(x, rotor=rotor)
     left, without = float(found.unexplained[0, 0]), float(fit_passive(x, None, False, rotor).unexplained[0, 0])
-    return float(found.gain[0, 0]) if left <= FITS and without >= max(LEAST, RIGID * left) else 0.0
+    return float(found.gain[0, 0]) if left <= FITS and without >= max(MIN_RIGID_REST, RIGID * left) else 0.0
 
 
 def _residual(x: Signals, known: Mask, shared: Array | None = None) -> float:
@@ -370,7 +370,7 @@ def factor_faults(gains: Gains, robot: Robot) -> Iterator[RecordingFault]:
     """Findings on the unit of all torques, and on gains of single joints."""
     middle = gains.common
     if middle != 1.0:
-        unit = next((name for factor, name in UNITS.items() if abs(log(middle / factor)) < NEAR), "")
+        unit = next((name for factor, name in UNITS.items() if abs(log(middle / factor)) < UNIT_DISTANCE), "")
         guess = f"they seem to be in {unit}" if unit else _currents(gains, robot)
         fact = f"all torques are {middle:.3g} times the predicted ones: {guess}"
         advice = "convert them to N.m (N), name currents current_J with a torque_constant, or correct the masses"
@@ -388,7 +388,7 @@ def factor_faults(gains: Gains, robot: Robot) -> Iterator[RecordingFault]:
 def _currents(gains: Gains, robot: Robot) -> str:
     constant = robot.actuators.torque_constant
     fits = np.abs(np.log(np.where(constant > 0, constant, np.nan) * gains.factor))
-    if np.isfinite(fits).any() and np.nanmedian(fits) < NEAR:
+    if np.isfinite(fits).any() and np.nanmedian(fits) < UNIT_DISTANCE:
         return "they are currents, according to the torque constants"
     if gains.common < 1:
         return "they may be currents [A], or torques before the gear"

@@ -23,7 +23,7 @@ FINGER = re.compile(r"finger|thumb|gripper|jaw|hand", re.IGNORECASE)
 LONG = 150  # maximum length of a map within a message [characters]
 ARM = "arm joint"  # a revolute joint that is no wheel and no finger
 DIGITS = 10  # of numbers of joints, fewer than these
-CLOSE = 0.7  # minimum similarity of names (difflib) for a suggestion [1]
+MIN_NAME_SIMILARITY = 0.7  # minimum similarity of names (difflib) for a suggestion [1]
 
 
 @dataclass(frozen=True)
@@ -194,7 +194,7 @@ def _ignored(
         same = TORQUES if kind in TORQUES else (kind,)
         lacking = [name for j, name in enumerate(robot.joints) if not any((k, j) in signals for k in same)]
         lower = {name.lower(): name for name in reversed(robot.joints if signal.mapped else lacking)}
-        close = get_close_matches(token.lower(), lower, 1, CLOSE)
+        close = get_close_matches(token.lower(), lower, 1, MIN_NAME_SIMILARITY)
         quantity = any(resolve(f"q_{token[i + 1 :]}", robot) for i, letter in enumerate(token) if letter == "_" and i)
         missed = bool(lacking and (close or token.isdecimal() or (kind == "q" and not quantity)))
         if missed and mapped and not signal.mapped:

@@ -16,21 +16,21 @@ from .columns import Assignment
 from .formats.base import MemoryTable
 from .names.mapping import DerivedTable, Signal
 from .names.vocabulary import INTEGRAL
-from .sampling.clock import CHUNK, FASTEST, GAP, GAP_SECONDS, SLOWEST, repair_stamps
+from .sampling.clock import CHUNK, GAP, GAP_SECONDS, MAX_STEP, MIN_STEP, repair_stamps
 
 SIGNALS = ("t", "q", "tau", "dq", "ddq", "q_des")
 PERIODS, SECONDS = 6.5, 0.05  # [periods], [s] holes that are no longer than both are short, too
 WRAP = 3.0  # [rad or m] change of a position across a hole that may be a wrap of its encoder, which is left alone
-CLOSE = 0.2  # [periods] distance of rows below which they state no slope
-STATES, SAME = 8, 1e-9  # random states; [1] relative change of torque that is rounding
+MIN_SLOPE_PERIODS = 0.2  # [periods] distance of rows below which they state no slope
+STATES, TORQUE_CHANGE = 8, 1e-9  # random states; [1] relative change of torque that is rounding
 MUCH = 0.1  # [1] bridged share of a column from which results are flagged
 DISORDER = 0.7  # [1] mean square step of positions over twice their variance, above which rows jump; 1: white noise
 STANDSTILL = 0.05  # [rad or m] largest range of positions that are noise of joints at rest
-APART = 0.2  # [s] smallest time between rows of postures
+MIN_POSTURE_PERIOD = 0.2  # [s] smallest time between rows of postures
 SWEEP = 1.0  # [s] smallest time between rows of a smooth sweep of postures
 SLOWEST_SWEEP = 4e-3  # [rad/s or m/s] its smallest speed; stamps in ms would make it 4 rad/s, which few robots keep
 APPROACH = 1e-3  # [rad/s or m/s] velocity that stands for the direction of approach; its inertial torque is negligible
-FIRST, FEWEST = 65_536, 8  # rows that are examined, and that are needed
+MAX_EXAMINED_ROWS, MIN_EXAMINED_ROWS = 65_536, 8  # rows that are examined, and that are needed
 
 
 def with_repaired_stamps(recording: Recording) -> Recording:
@@ -68,7 +68,7 @@ def bridge(recording: Recording) -> Recording:
     stamps = table.read(names[:1], 0, CHUNK)[:, 0]
     steps = np.diff(stamps[np.isfinite(stamps)])
     period = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
-    if not FASTEST <= period <= SLOWEST:
+    if not MIN_STEP <= period <= MAX_STEP:
         return recording
     longest = max(GAP * period, GAP_SECONDS, min(PERIODS * period, SECONDS)) * (1 + 1e-6)
     positions, reach = {*columns["q"], *columns.get("q_des", ())}, 4 * int(longest / period) + 4
@@ -154,7 +154,7 @@ def _depends(robot: Robot, joint: int) -> bool:
     moved = states[0] + np.eye(len(robot.joints))[joint]
     v, a = (x @ robot.drive.T for x in states[1:])
     here, there = (rigid_torque(robot, configuration(robot, q), v, a) for q in (states[0], moved))
-    return bool(np.abs(here - there).max() > SAME * max(float(np.abs(here).max()), 1e-300))
+    return bool(np.abs(here - there).max() > TORQUE_CHANGE * max(float(np.abs(here).max()), 1e-300))
 
 
 def _bridged(t: Array, x: Array, limits: tuple[float, float, float], straight: bool) -> tuple[Indices, Array]:
@@ -173,7 +173,7 @@ def _bridged(t: Array, x: Array, limits: tuple[float, float, float], straight: b
     lost, four, steps, rises = lost[short], four[short], steps[short], rises[short]
     share = (t[lost] - t[four[:, 1]]) / steps[:, 1]
     line = (1 - share) * x[four[:, 1]] + share * x[four[:, 2]]
-    smooth = ((steps > CLOSE * period) & (steps <= longest) & (rises < most)).all(axis=1) & (not straight)
+    smooth = ((steps > MIN_SLOPE_PERIODS * period) & (steps <= longest) & (rises < most)).all(axis=1) & (not straight)
     at, cubic = four[smooth], np.zeros(int(smooth.sum()))
     for i in range(4):
         rest = t[np.delete(at, i, axis=1)]
@@ -194,7 +194,7 @@ def disorder(q: Array) -> float:
 
     q: (N, n) [rad or m].
     """
-    spread = np.var(q, axis=0) if len(q) >= FEWEST else np.zeros(1)
+    spread = np.var(q, axis=0) if len(q) >= MIN_EXAMINED_ROWS else np.zeros(1)
     moves = spread > 1e-6 * max(float(spread.max(initial=0.0)), 1e-300)
     return (
         float((np.mean(np.diff(q[:, moves], axis=0) ** 2, axis=0) / (2 * spread[moves])).min()) if moves.any() else 0.0
@@ -206,14 +206,14 @@ def are_postures(table: Table, positions: tuple[str, ...], time: str) -> bool:
 
     A smooth sweep counts from 1 s on, if its steps would be too fast for stamps that are milliseconds.
     """
-    values = table.read([*([time] if time else []), *positions], 0, FIRST)
+    values = table.read([*([time] if time else []), *positions], 0, MAX_EXAMINED_ROWS)
     values = values[np.isfinite(values).all(axis=1)]
-    if len(values) < FEWEST:
+    if len(values) < MIN_EXAMINED_ROWS:
         return False
     q, period = values[:, -len(positions) :], float(np.median(np.diff(values[:, 0]))) if time else np.inf
     step = float(np.median(np.abs(np.diff(q, axis=0)).max(axis=1)))
     jumps = disorder(q) > DISORDER or (np.isfinite(period) and period >= SWEEP and step > SLOWEST_SWEEP * period)
-    return period >= APART and np.ptp(q, axis=0).max() >= STANDSTILL and jumps
+    return period >= MIN_POSTURE_PERIOD and np.ptp(q, axis=0).max() >= STANDSTILL and jumps
 
 
 def at_rest(recording: Recording) -> Recording:

@@ -32,8 +32,8 @@ from .units import UNSTATED, Noticed, noticed_units, time_unit
 
 CHECK = "CHECK"  # in the reason of a unit that the user is to check
 COMMAND = 0.999  # correlation of a torque with kp (q_des - q) - kd dq above which it is a command
-EXAMINED, FEWEST = 20_000, 100  # [rows] that decide it, at most and at least
-SHOWN = ("t", "q", "q_des", "dq", *TORQUES)  # kinds of columns that a reading lists
+MAX_COMMAND_ROWS, MIN_COMMAND_ROWS = 20_000, 100  # [rows] that decide it, at most and at least
+LISTED_KINDS = ("t", "q", "q_des", "dq", *TORQUES)  # kinds of columns that a reading lists
 ROWS = 200_000  # rows whose numbers are examined
 ORDER = ("q", "dq", "ddq", "tau", "abs_tau", "current", "abs_current", "q_des", *ServoSamples._fields)
 TITLES = {
@@ -110,7 +110,7 @@ def _choices(drafted: DraftedMap, torque: bool) -> Iterator[str]:
 def _rows(drafted: DraftedMap, robot: Robot, arm: Mapping[str, str]) -> Iterator[tuple[str, str, str, str]]:
     """Columns that are read, with units and reasons: of time, then of each joint."""
     for joint, name in enumerate(("time", *robot.joints), -1):
-        own = [line for line in drafted.lines if line.joint == joint and line.kind in SHOWN]
+        own = [line for line in drafted.lines if line.joint == joint and line.kind in LISTED_KINDS]
         units, reasons = [str(line.noticed.unit) for line in own], dict.fromkeys(line.noticed.why for line in own)
         if name in arm.values():
             reasons["joint by its place in the arm"] = None
@@ -125,7 +125,7 @@ def commanded_torques(recording: Recording) -> Iterator[str]:
     """A note on each torque that is no measurement: kp (q_des - q) - kd dq of the same rows explains it."""
     if not any(recording.columns["q_des"]) or not any(recording.columns["tau"]):
         return
-    rows = recording.read(0, EXAMINED, servo=False)
+    rows = recording.read(0, MAX_COMMAND_ROWS, servo=False)
     with np.errstate(divide="ignore", invalid="ignore"):
         v = np.gradient(rows.q, rows.t, axis=0) if rows.dq is None and len(rows.t) > 1 else rows.dq
     if v is None or rows.q_des is None:
@@ -134,7 +134,7 @@ def commanded_torques(recording: Recording) -> Iterator[str]:
         columns = np.column_stack([rows.q_des[:, j] - rows.q[:, j], -v[:, j], rows.tau[:, j]])
         columns = columns[np.isfinite(columns).all(axis=1)]
         errors, tau = columns[:, :2], columns[:, 2]
-        if len(tau) < FEWEST or not recording.signed[j] or not tau.std():
+        if len(tau) < MIN_COMMAND_ROWS or not recording.signed[j] or not tau.std():
             continue
         kp, kd = np.linalg.lstsq(errors, tau, rcond=None)[0].tolist()
         alike = float(np.corrcoef(errors @ [kp, kd], tau)[0, 1]) if (errors @ [kp, kd]).std() else 0.0

@@ -10,19 +10,19 @@ import numpy as np
 from ..types import Array, Robot
 from .names.match import Guess
 from .names.vocabulary import OF, TURN, Change, Units, signed_register
-from .sampling.clock import FASTEST, SLOWEST
+from .sampling.clock import MAX_STEP, MIN_STEP
 
 EPOCH = 1.0e9, 2.5e9  # [s] time stamps since 1970 of the years 2001 to 2049
-SLACK = {False: 0.35, True: 0.02}  # [rad], [m] accepted distance beyond the limits, by whether a joint is prismatic
+LIMIT_MARGIN = {False: 0.35, True: 0.02}  # [rad], [m] accepted distance beyond limits, by whether a joint is prismatic
 FREE = {False: 60.0, True: 10.0}  # [rad], [m] largest plausible position without limits
-USUAL = {False: ("rad", "deg", "mrad"), True: ("m", "mm", "um")}  # units of positions, the most usual first
+Q_UNITS = {False: ("rad", "deg", "mrad"), True: ("m", "mm", "um")}  # units of positions, the most usual first
 COUNTS = 400.0  # smallest size of whole numbers that are counts of an encoder [1]
 TURNS = (1024, 4096, 16384, 65536)  # usual counts of a turn
 DRIFT = 0.1  # [s] intervals over which velocity is compared with position
-ALIKE = 0.3  # largest logarithm of the ratio of both for a unit
+MAX_LOG_RATIO = 0.3  # largest logarithm of the ratio of both for a unit
 STRONG = 20.0  # torque over the limit of the description beyond which the unit is smaller than N.m
 DUTY, REGISTERS = 1.01, (100.0, 885.0, 1000.0, 1023.0)  # largest duty; registers of a full one: %, XL330, STS, AX
-LARGE = {  # [V], [A] beyond which numbers are in a smaller unit
+UNIT_LIMITS = {  # [V], [A] beyond which numbers are in a smaller unit
     "volt": (("mV", 1000.0), ("dV", 60.0)),
     "current": (("mA", 60.0),),
 }
@@ -59,11 +59,11 @@ def time_unit(t: Array, named: str) -> Noticed:
         return Noticed(named or "s", "named in the column" if named else "assumed")
     step, last = float(np.median(steps)), float(np.abs(known).max())
     for unit, (scale, over) in OF["t"][0].items():
-        if EPOCH[0] <= last * scale / over <= EPOCH[1] and FASTEST <= step * scale / over <= SLOWEST:
+        if EPOCH[0] <= last * scale / over <= EPOCH[1] and MIN_STEP <= step * scale / over <= MAX_STEP:
             since = "" if unit == "s" else f" of {unit}"
             return Noticed(unit, f"begins at {known[0]:.10g}: a count{since} since 1970, in steps of {step:.4g}")
     whole = step >= 0.5 and bool(np.all(np.abs(known - np.rint(known)) < 1e-6))
-    if FASTEST <= step <= SLOWEST and not whole:
+    if MIN_STEP <= step <= MAX_STEP and not whole:
         return Noticed("s", f"steps by {step:.4g}")
     found = next((unit for unit, most in (("ms", 500.0), ("us", 5e5), ("ns", np.inf)) if step <= most), "ns")
     return Noticed(found, f"steps by {step:.4g}, which cannot be seconds")
@@ -86,7 +86,7 @@ def _position_units(
             found |= _counts(ends)
             continue
         base = next(iter(units))
-        unit = next((unit for unit in USUAL[slides] if _fits(ends, units[unit], slides, robot)), "")
+        unit = next((unit for unit in Q_UNITS[slides] if _fits(ends, units[unit], slides, robot)), "")
         worst = max(ends, key=lambda j: max(ends[j][1] - robot.upper[j], robot.lower[j] - ends[j][0]), default=-1)
         why = "the column has no values"
         if ends:
@@ -101,7 +101,7 @@ def _position_units(
 
 def _fits(ends: Mapping[int, tuple[float, float]], factor: tuple[float, float], slides: bool, robot: Robot) -> bool:
     """Whether positions between their ends [any unit] are within the limits of their joints."""
-    scale, slack = factor[0] / factor[1], SLACK[slides]
+    scale, slack = factor[0] / factor[1], LIMIT_MARGIN[slides]
     for j, (low, high) in ends.items():
         lower, upper = robot.lower[j], robot.upper[j]
         if not (np.isfinite(lower) and np.isfinite(upper) and lower < upper):
@@ -139,7 +139,7 @@ def _velocity_unit(pairs: Sequence[tuple[Array, Array]], t: Array, slides: bool)
     ratio = up / down
     off = {unit: abs(float(np.log(ratio * over / scale))) for unit, (scale, over) in units.items()}
     best = min(off, key=lambda unit: off[unit])
-    if off[best] > ALIKE:
+    if off[best] > MAX_LOG_RATIO:
         return Noticed(base, f"positions change by {ratio:.3g} of it, which fits no usual unit: CHECK")
     return Noticed(best, f"positions change by {ratio:.3g} of it")
 
@@ -188,7 +188,7 @@ def noticed_units(
     for slides in (False, True):
         mine = {j: columns[j] for j in guesses if bool(robot.prismatic[j]) == slides}
         base, most = next(iter(OF[kind][slides])), max(map(_most, mine.values()), default=0.0)
-        smaller = next((unit for unit, limit in LARGE.get(kind.removeprefix("abs_"), ()) if most > limit), "")
+        smaller = next((unit for unit, limit in UNIT_LIMITS.get(kind.removeprefix("abs_"), ()) if most > limit), "")
         unit = Noticed(smaller, f"reaches {most:.4g}") if smaller else Noticed(base, f"assumed; reaches {most:.4g}")
         if kind in ("dq", "dq_des"):
             pairs = [(positions[j], x) for j, x in mine.items() if j in positions and len(seconds)]

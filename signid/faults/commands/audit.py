@@ -14,7 +14,7 @@ from ...types import Array, Recording, Robot, Samples
 from ..channels import quantum
 from ..result import JointAudit, ServoAudit
 from .logs import (
-    COARSE,
+    MIN_ENCODER_STEPS,
     command_noise,
     command_period,
     held_share,
@@ -32,15 +32,15 @@ from .rows import BRIEFEST, Grid, Part, RowClock, content_rate, cut, driven, joi
 
 PLACES = ("q", "command")
 SLOWEST_GRID = 1e-3  # [s] shortest period of the grid
-FEWEST = 3  # episodes that move, of which one may differ
+MIN_EPISODES = 3  # episodes that move, of which one may differ
 MOVES, SECONDS = 0.05, 1.0  # share of the largest range of motion [1] and duration [s], from which an episode counts
-FOLLOWS, LOST = 0.9, 0.5  # correlation of the other episodes, and of one that does not follow
+FOLLOWS, LOST_CORRELATION = 0.9, 0.5  # correlation of the other episodes, and of one that does not follow
 OTHER, NEARER = 0.95, 0.25  # correlation with another joint's command, and 1 - it over that with the own one
-SCALES, ALIKE = 1.5, 1.15  # ratio of the scale to that of the others, and largest one of the others among each other
+SCALES, MAX_SCALE_RATIO = 1.5, 1.15  # ratio of the scale to that of the others, and largest one among the others
 ZERO, ZERO_LEAST = 0.1, 0.15  # [range] and [rad or m] by which the mean error differs from that of the others
-LATE, PERIODS = 0.4, 3.0  # [s] and [periods] by which the shift differs; dry friction in slow motion: below 0.27 s
+SHIFT_CHANGE, PERIODS = 0.4, 3.0  # [s], [periods] by which the shift differs; dry friction in slow motion: below 0.27 s
 SATURATED = 0.4  # share of rows at the limit, from which on numbers are inexact
-APART = 3.0  # difference of the error over the largest one among the others
+ZERO_ERROR_RATIO = 3.0  # difference of the error over the largest one among the others
 
 
 def audit_servos(recordings: Recording | Sequence[Recording], units: Mapping[str, str] | None = None) -> ServoAudit:
@@ -185,7 +185,7 @@ def _audit(
         **answer,
         **rest._asdict(),
     )
-    if span <= COARSE * max(step, coarsest):
+    if span <= MIN_ENCODER_STEPS * max(step, coarsest):
         return replace(audit, flags=(*(one.said for one in odd), *judge_still(audit, parts)))
     said = judge_joint(audit, found, given, grids)
     limit = (
@@ -308,7 +308,7 @@ def _differences(
 ) -> Iterator[str]:
     """Sentences on the motion of one episode that differs from that of the others, the likeliest first."""
     others = [each for each in everyone if each.moves]
-    if not one.moves or len(others) < FEWEST - 1 or np.median([each.correlation for each in others]) < FOLLOWS:
+    if not one.moves or len(others) < MIN_EPISODES - 1 or np.median([each.correlation for each in others]) < FOLLOWS:
         return
     where = f"in {one.episode.name}, unlike in the others"
     shift = _middle([each.shift for each in others])
@@ -319,30 +319,30 @@ def _differences(
         yield against
     if name and near[name] > OTHER and 1 - near[name] < NEARER * (1 - one.correlation):
         yield f"follows q_des of {name} {where}: joints are swapped there; swap their columns back, or leave it out"
-    if one.correlation < -LOST:
+    if one.correlation < -LOST_CORRELATION:
         yield against
     late, nearer = one.shift - shift, 1 - one.best < NEARER * (1 - one.correlation)
     follow = one.best > OTHER and all(each.correlation > FOLLOWS for each in others)
-    if abs(late) > max(LATE, PERIODS * period) and nearer and follow:
+    if abs(late) > max(SHIFT_CHANGE, PERIODS * period) and nearer and follow:
         way = "later" if late > 0 else "earlier"
         yield f"answers {1e3 * abs(late):.0f} ms {way} {where}: q and q_des are of different rows there; leave it out"
-    if max(one.correlation, one.best) < LOST:
+    if max(one.correlation, one.best) < LOST_CORRELATION:
         yield f"does not follow its command {where}: the drive is off or rows are damaged there; leave it out"
     scales = [each.scale for each in others]
     ratio = one.scale / _middle(scales) if _middle(scales) > 0 else 1.0
-    alike = min(scales) > 0 and max(scales) < ALIKE * min(scales)
+    alike = min(scales) > 0 and max(scales) < MAX_SCALE_RATIO * min(scales)
     if one.correlation > FOLLOWS and alike and not 1 / SCALES <= ratio <= SCALES:
         yield f"moves by {ratio:.3g} of what it does in the others in {one.episode.name}: check units and scale there"
 
 
 def _moved(one: _Answer, others: Sequence[_Answer], unit: str) -> str:
     """Describe another zero of an episode than that of the others, which agree; "" if it is the same."""
-    if len(others) < FEWEST - 1 or (one.moves and one.correlation < FOLLOWS):
+    if len(others) < MIN_EPISODES - 1 or (one.moves and one.correlation < FOLLOWS):
         return ""
     usual = _middle([each.zero for each in others])
     apart = max(abs(each.zero - usual) for each in others)
     span = max(each.range for each in (one, *others))
-    if not abs(one.zero - usual) > max(ZERO_LEAST if unit else 0.0, ZERO * span, APART * apart):
+    if not abs(one.zero - usual) > max(ZERO_LEAST if unit else 0.0, ZERO * span, ZERO_ERROR_RATIO * apart):
         return ""
     size, way = f"{abs(one.zero - usual):.3g} {unit}".rstrip(), "below" if one.zero > usual else "above"
     where = f"in {one.episode.name}, unlike in the others"

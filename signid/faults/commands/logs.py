@@ -14,19 +14,19 @@ import numpy as np
 from ...types import Array, Recording
 from ..channels import TINY, Column, judge_columns, true_runs
 from ..result import JointAudit
-from .response import LONGEST, Response, best_shift
+from .response import MAX_SHIFT, Response, best_shift
 from .rows import Grid, Part, RowClock, joined
 
 JUMP = 3.0  # steps of the encoder that count as motion between two rows
 FULL = 0.98  # duty that counts as saturated
-TOP, APART, RUN = 0.93, 0.4, 3  # speed at its limit [1]; difference from the commanded one [1]; rows
-FASTEST = 0.999  # quantile of the speed that is its limit
+TOP, MIN_SPEED_ERROR, RUN = 0.93, 0.4, 3  # speed at its limit [1]; difference from the commanded one [1]; rows
+SPEED_QUANTILE = 0.999  # quantile of the speed that is its limit
 WRAPPED = 0.05  # tolerance of a full turn [1]
 OUTLIER = 20.0  # jumps over the 99.9 % quantile of the others that are no motion
 COPY, SHIFTS = 1e-6, range(-3, 4)  # [1] of the range of motion; rows
-STILL, SWEEP = 1.0, 0.5  # [s] and [range] of motion of the command during which a position that repeats is stuck
+STUCK_SECONDS, SWEEP = 1.0, 0.5  # [s], [range] of motion of the command during which a position that repeats is stuck
 ALTERNATES = -0.5  # largest correlation of successive second differences of white noise, which have -2/3
-BASE, LATEST = 0.03, 0.15  # [s] over which a speed is computed; largest delay of a speed after the error
+BASE, MAX_SPEED_DELAY = 0.03, 0.15  # [s] over which a speed is computed; largest delay of a speed after the error
 TO_STD = 1.4826 / np.sqrt(6.0)  # of the median size of the second differences of white noise
 
 
@@ -51,7 +51,7 @@ def jumps(parts: Sequence[Part]) -> tuple[int, float]:
     steps = np.concatenate([np.abs(np.diff(part.q)) for part in parts])
     size = max(float(part.q.max()) for part in parts) - min(float(part.q.min()) for part in parts)
     near = steps[steps <= size / 2]
-    usual = float(np.quantile(near, FASTEST)) if len(near) else 0.0
+    usual = float(np.quantile(near, SPEED_QUANTILE)) if len(near) else 0.0
     far = steps[(steps > size / 2) & (steps > OUTLIER * max(usual, TINY * size))]
     return len(far), float(np.median(far)) if len(far) else 0.0
 
@@ -91,7 +91,7 @@ def stuck(parts: Sequence[Part], span: float) -> tuple[float, float]:
     for part in parts:
         for a, b in true_runs(np.diff(part.q) == 0):
             seconds, command = float(part.t[b] - part.t[a]), part.command[a : b + 1]
-            if seconds > STILL and np.ptp(command) > SWEEP * span:
+            if seconds > STUCK_SECONDS and np.ptp(command) > SWEEP * span:
                 longest = max(longest, (seconds, float(np.abs(np.diff(command)).sum()) / span), key=lambda x: x[1])
     return longest
 
@@ -100,8 +100,8 @@ def driven_by_error(grids: Sequence[Grid]) -> float:
     """Largest correlation [1] of the speed with the error q_des - q shortly before, which saturated drives have too."""
     period = grids[0].period
     k, best = max(1, round(BASE / period)), 0.0
-    long = [grid for grid in grids if len(grid.q) > 4 * k + LATEST / period + 2]
-    for late in range(round(LATEST / period) + 1) if long else ():
+    long = [grid for grid in grids if len(grid.q) > 4 * k + MAX_SPEED_DELAY / period + 2]
+    for late in range(round(MAX_SPEED_DELAY / period) + 1) if long else ():
         speed = np.concatenate([(grid.q[2 * k :] - grid.q[: -2 * k])[late:] for grid in long])
         errors = [(grid.command - grid.q)[k : len(grid.q) - k] for grid in long]
         error = np.concatenate([each[: len(each) - late] for each in errors])
@@ -119,12 +119,12 @@ def saturated_share(parts: Sequence[Part], grids: Sequence[Grid]) -> float:
         known = np.isfinite(duty)
         return float(np.mean(np.abs(duty[known]) >= FULL)) if known.any() else np.nan
     speeds = [(speed_over(grid.q, grid.period), speed_over(grid.command, grid.period)) for grid in grids]
-    top = float(np.quantile(np.abs(np.concatenate([v for v, _ in speeds])), FASTEST))
+    top = float(np.quantile(np.abs(np.concatenate([v for v, _ in speeds])), SPEED_QUANTILE))
     if top <= 0:
         return 0.0
     found = rows = 0
     for v, wanted in speeds:
-        high = (np.abs(v) >= TOP * top) & (np.abs(wanted - v) >= APART * top)
+        high = (np.abs(v) >= TOP * top) & (np.abs(wanted - v) >= MIN_SPEED_ERROR * top)
         found += sum(stop - start for start, stop in true_runs(np.asarray(high)) if stop - start >= RUN)
         rows += len(v)
     return found / rows
@@ -181,7 +181,7 @@ def _left(columns: Sequence[Array], y: Array) -> tuple[float, float]:
 OTHER, SHRINKS, HALVES = 0.6, 0.5, (0.3, 3.0)  # [1] time unlike motion; residual; drift of each half over that of all
 # [range], [rad or m] size of a drift; of healthy logs at most 0.07 in both halves. Residual of a clear drift [1], for
 # which the range does not count (healthy: 0.2); share of the motion that the command explains beside the drift [1]
-DRIFTS, LEAST_DRIFT, CLEAR, DRIFTLESS = 0.1, 0.05, 0.1, 0.9
+DRIFTS, LEAST_DRIFT, DRIFT_RESIDUAL, DRIFTLESS = 0.1, 0.05, 0.1, 0.9
 
 
 def drift(rows: Course, span: float) -> float:
@@ -193,7 +193,7 @@ def drift(rows: Course, span: float) -> float:
     z = (command - command.mean()) / span
     columns = [np.ones_like(z), z, z**2, z**3, way]
     (size, after), before = _left([*columns, t], q), _left(columns, q)[1]
-    least = LEAST_DRIFT if after < CLEAR * before else max(DRIFTS * span, LEAST_DRIFT)
+    least = LEAST_DRIFT if after < DRIFT_RESIDUAL * before else max(DRIFTS * span, LEAST_DRIFT)
     like = _left(columns, t)[1] < OTHER * float(np.var(t)) or after > (1 - DRIFTLESS) * float(np.var(q - size * t))
     if like or after > SHRINKS * before or abs(size) < least:
         return 0.0
@@ -202,7 +202,7 @@ def drift(rows: Course, span: float) -> float:
 
 
 LOADED, LINEAR = 2.0, 0.1  # [1] residual of a load over that of a scale; of a scale, over the error
-GRAVITY, SHORTEST = 9.81, 0.03  # [m/s2]; [m] length of a pendulum, below which no robot has its load (healthy: 0.067)
+GRAVITY, MIN_PENDULUM_LENGTH = 9.81, 0.03  # [m/s2]; [m] below which no robot has its load (healthy: 0.067)
 WINDOW, STEPS, AHEAD = 0.06, 0.06, 0.5  # [s]; [range] of a step; [1] motion before it over that after it
 
 
@@ -218,7 +218,7 @@ def scaled(rows: Course, unit: str, bandwidth: float) -> float:
     if left > LINEAR * float(np.mean(error**2)) or factor <= -1:
         return 1.0
     scale = 1 / (1 + factor)
-    fast = unit == "rad" and (2 * pi * bandwidth) ** 2 * abs(1 - scale) * SHORTEST > GRAVITY
+    fast = unit == "rad" and (2 * pi * bandwidth) ** 2 * abs(1 - scale) * MIN_PENDULUM_LENGTH > GRAVITY
     return scale if fast or _left([*loads, way], error)[1] >= LOADED * left else 1.0
 
 
@@ -237,15 +237,15 @@ def ahead(grids: Sequence[Grid], span: float) -> float:
     return size if size > STEPS * span and before > AHEAD * after > 0 else 0.0
 
 
-COARSE = 10.0  # steps of the encoder below which a command says nothing
+MIN_ENCODER_STEPS = 10.0  # steps of the encoder below which a command says nothing
 STUCK = 0.05  # motion over the range of the command
 FOLLOWS, AGAINST, CERTAIN = 0.5, 0.9, 0.95  # correlations
 CURVED, BOTH = 0.25, 0.05  # 1 - correlation with the magnitude or square, over that without; share on both sides of 0
-LEAD, LATE, EXACT = 1.0, 0.12, 0.06  # [rows], [s], residual below which the delay is no dry friction
+LEAD, MIN_COMMAND_DELAY, EXACT = 1.0, 0.12, 0.06  # [rows], [s], residual below which the delay is no dry friction
 STIFF = 0.3  # difference of the scale from one, beyond which droop may look like a lead
 SCALES, DEGREES = (0.1, 1.5), 0.1  # motion per command; tolerance of 180 / pi
-ZERO, ZERO_LEAST, CLOSE, QUIET = 0.25, 0.15, 0.15, 0.2  # [range], [rad], |scale - 1|, residual
-WIDE, LOAD, STEADY = 1.2, 0.037, 0.5  # [rad]; rms of cos x over x**2 about its mean [1/rad2]; share of it [1]
+ZERO, ZERO_LEAST, SCALE_TOLERANCE, QUIET = 0.25, 0.15, 0.15, 0.2  # [range], [rad], |scale - 1|, residual
+MIN_LOAD_RANGE, LOAD, STEADY = 1.2, 0.037, 0.5  # [rad]; rms of cos x over x**2 about its mean [1/rad2]; share of it [1]
 HELD = 0.08  # share of moving rows
 DRIVEN = 0.7  # correlation of speed and error from which on a joint follows although q and q_des differ
 GAIN, CLEAN = 0.3, 0.03  # difference of the scale from one, and residual below which it is no friction
@@ -345,10 +345,10 @@ def _response(audit: JointAudit, found: Response, period: float, spread: float, 
     if found.shift < -LEAD * period and found.correlation > CERTAIN and abs(found.scale - 1) < STIFF:
         fact = f"{joint}: q leads q_des by {-1e3 * found.shift:.0f} ms"
         yield f"{fact}, which no drive can do; the two are from different clocks or rows: correct the log"
-    if found.shift > LONGEST:
+    if found.shift > MAX_SHIFT:
         fact = f"{joint} answers {1e3 * found.shift:.0f} ms after its command"
         yield f"{fact}, later than a drive; q_des is from earlier rows than q, or from another clock: correct the log"
-    if found.delay > max(LATE, 3 * period) and found.residual < EXACT:
+    if found.delay > max(MIN_COMMAND_DELAY, 3 * period) and found.residual < EXACT:
         fact = f"{joint} begins to answer {1e3 * found.delay:.0f} ms after its command"
         yield f"{fact}: a slow bus, or q_des is from earlier rows than q; check the log"
     if found.correlation > CERTAIN and not SCALES[0] <= found.scale <= SCALES[1]:
@@ -369,12 +369,12 @@ def _shifted(audit: JointAudit, found: Response, spread: float) -> bool:
     least = ZERO_LEAST if audit.unit in ("rad", "m") else 0.0
     if abs(audit.zero) > max(least, audit.range) and abs(gain - 1) < STIFF:
         return True
-    if abs(gain - 1) >= CLOSE or not audit.residual < QUIET:
+    if abs(gain - 1) >= SCALE_TOLERANCE or not audit.residual < QUIET:
         return False
     if abs(audit.zero) > max(least, ZERO * audit.range):
         return True
     varies = LOAD * audit.range**2 * abs(audit.zero)  # the torque of a load is a cosine of the angle
-    steady = audit.range > WIDE and audit.residual * spread < STEADY * varies
+    steady = audit.range > MIN_LOAD_RANGE and audit.residual * spread < STEADY * varies
     return audit.unit == "rad" and abs(audit.zero) > least and steady
 
 
@@ -410,7 +410,7 @@ def _damaged(audit: JointAudit, parts: Sequence[Part]) -> Iterator[str]:
     yield from (fault.sentence for fault in kept)
     seconds, sweeps = stuck(parts, audit.range)
     still = any(fault.kind == "stuck position" for fault in kept)
-    if sweeps > SWEEPS and not still and not noisy and not abs(audit.shift) > LONGEST:
+    if sweeps > SWEEPS and not still and not noisy and not abs(audit.shift) > MAX_SHIFT:
         fact = f"{audit.joint}: q stays the same for {seconds:.3g} s while q_des moves"
         yield f"{fact}: the sensor is stuck, or the drive is off; leave these rows out or mark them (on_J)"
 

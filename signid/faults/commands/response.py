@@ -10,11 +10,11 @@ import numpy as np
 from ...types import Array
 from .rows import Grid, Part
 
-LONGEST, FARTHEST = 0.6, 2.5  # [s] largest shift of a drive, and of columns that are from different rows
+MAX_SHIFT, MAX_ROW_SHIFT = 0.6, 2.5  # [s] largest shift of a drive, and of columns that are from different rows
 SHARE = 0.2  # [1] largest shift over the duration of the longest part
-CERTAIN = 0.95  # correlation beyond LONGEST; healthy logs with dry friction have it as well
-BETTER = 0.5  # 1 - |correlation| beyond LONGEST over that within
-FRICTION = 0.3  # variance left beyond LONGEST over that of a drive with dry friction; healthy logs: above .42
+CERTAIN = 0.95  # correlation beyond MAX_SHIFT; healthy logs with dry friction have it as well
+MISFIT_REDUCTION = 0.5  # 1 - |correlation| beyond MAX_SHIFT over that within
+FRICTION = 0.3  # variance left beyond MAX_SHIFT over that of a drive with dry friction; healthy logs: above .42
 DELAYS = np.linspace(0, 0.3, 4)  # [s] of such a drive
 AGAINST = 0.9  # weight of correlations of motion against the command: periodic motion has both signs
 NEAREST = 0.98  # correlation of a peak over the largest, from which on the smallest shift is chosen
@@ -29,17 +29,17 @@ class Shift(NamedTuple):
 
 
 def best_shift(grids: Sequence[Grid]) -> Shift:
-    """Shift of the largest correlation; beyond LONGEST only if neither one within it nor dry friction is near."""
-    near = _best(grids, LONGEST)
-    most = min(FARTHEST, SHARE * max(len(grid.q) * grid.period for grid in grids))
-    if most <= LONGEST or (near.correlation > CERTAIN and np.isfinite(near.seconds)):
+    """Shift of the largest correlation; beyond MAX_SHIFT only if neither one within it nor dry friction is near."""
+    near = _best(grids, MAX_SHIFT)
+    most = min(MAX_ROW_SHIFT, SHARE * max(len(grid.q) * grid.period for grid in grids))
+    if most <= MAX_SHIFT or (near.correlation > CERTAIN and np.isfinite(near.seconds)):
         return near
     rows = round(most / grids[0].period)
     inner = [grid for grid in grids if len(grid.q) > 2 * rows + 2]
     far = _best(inner, most, against=0.0, known=True)
-    if not abs(far.seconds) > LONGEST - 2 * grids[0].period or not far.correlation > CERTAIN:  # NaN: none was found
+    if not abs(far.seconds) > MAX_SHIFT - 2 * grids[0].period or not far.correlation > CERTAIN:  # NaN: none was found
         return near
-    if 1 - far.correlation > BETTER * (1 - abs(near.correlation)):
+    if 1 - far.correlation > MISFIT_REDUCTION * (1 - abs(near.correlation)):
         return near
     rest = 1 - far.correlation**2
     return near if far.seconds > 0 and rest > FRICTION * _rest_of_friction(inner, rows) else far
@@ -114,15 +114,15 @@ def _peak(size: Array, middle: int) -> tuple[int, float]:
 
 
 ROWS, WINDOW = 8000, 1000  # rows that are fitted, and of one window where there are more
-MOST = 30  # windows that are fitted
+MAX_FITTED_WINDOWS = 30  # windows that are fitted
 SHARES = (0.0, 0.3, 0.6, 0.9)  # starts: share of the lag that is delay
 DAMPINGS = (0.4, 0.8, 1.5, 3.0)  # starts: damping ratio [1]
 LOWER, UPPER = (np.log(1e-4), 0.0, np.log(0.05)), (np.log(1.0), 0.98, np.log(8.0))  # of lag [s], share, damping
-FAR = 0.03, 1.3  # [s], [1] largest lag over the shift
+MAX_LAG_EXCESS = 0.03, 1.3  # [s], [1] largest lag over the shift
 TINY = 1e-6  # [s] smaller delays are none
-LEAST = 0.05  # [1] lag over the shift from which on its interval is meaningful
+MIN_LAG_SHARE = 0.05  # [1] lag over the shift from which on its interval is meaningful
 WORST = 0.5  # [1] largest residual of a response that is of second order
-SLOW = 0.1  # [1] speed over its rms at which friction reverses
+REVERSAL_SPEED_SHARE = 0.1  # [1] speed over its rms at which friction reverses
 
 
 class Response(NamedTuple):
@@ -149,18 +149,18 @@ def find_response(grids: Sequence[Grid]) -> Response:
     windows = _windows(grids)
     spread = float(np.sqrt(np.mean(np.concatenate([(w.q - w.q.mean()) ** 2 for w in windows]))))
     unknown = UNKNOWN._replace(shift=shift, correlation=correlation, scale=scale)
-    if spread <= 0 or not abs(shift) <= LONGEST:
+    if spread <= 0 or not abs(shift) <= MAX_SHIFT:
         return unknown
     x, log_std = _fitted(windows, max(shift, grids[0].period))
     w, z, delay = _numbers(x)
     lag, flat = delay + 2 * z / w, 1 - 2 * z * z
     residual, (gain, _, width) = _residual(x, windows)
     rest = float(np.sqrt(np.mean(residual**2))) / spread
-    if gain <= 0 or rest > WORST or lag > FAR[1] * shift + max(FAR[0], 2 * grids[0].period):
+    if gain <= 0 or rest > WORST or lag > MAX_LAG_EXCESS[1] * shift + max(MAX_LAG_EXCESS[0], 2 * grids[0].period):
         return unknown
     bandwidth = w / (2 * np.pi) * np.sqrt(flat + np.sqrt(flat * flat + 1))
     sure = delay if delay > TINY else 0.0
-    std = lag * log_std if lag > LEAST * shift else shift  # friction alone explains the lag
+    std = lag * log_std if lag > MIN_LAG_SHARE * shift else shift  # friction alone explains the lag
     return Response(lag, std, shift, correlation, scale, float(gain), sure, float(bandwidth), rest, float(width))
 
 
@@ -172,7 +172,7 @@ class _Window(NamedTuple):
 
 def _windows(grids: Sequence[Grid]) -> list[_Window]:
     """At most ROWS rows, those in which the command moves most where there are more; each with its history."""
-    history = round(2 * LONGEST / grids[0].period)
+    history = round(2 * MAX_SHIFT / grids[0].period)
     total = sum(len(grid.q) for grid in grids)
     cuts = []
     for grid in grids:
@@ -183,7 +183,7 @@ def _windows(grids: Sequence[Grid]) -> list[_Window]:
             cuts.append((float(np.std(own.command[history:])), own))
     chosen: list[int] = []
     room = ROWS
-    for k in sorted(range(len(cuts)), key=lambda k: -cuts[k][0])[:MOST]:
+    for k in sorted(range(len(cuts)), key=lambda k: -cuts[k][0])[:MAX_FITTED_WINDOWS]:
         room -= len(cuts[k][1].q)
         chosen += [k] if room >= 0 or not chosen else []
     return [cuts[k][1] for k in sorted(chosen)]
@@ -241,7 +241,7 @@ def _residual(x: Array, windows: Sequence[_Window]) -> tuple[Array, Array]:
     b, a = _discrete(w, z, period)
     answers = [_answer(window, b, a, delay / period) for window in windows]
     rates = [np.gradient(answer) for answer in answers]
-    slow = SLOW * float(np.sqrt(np.mean(np.concatenate(rates) ** 2))) + 1e-12
+    slow = REVERSAL_SPEED_SHARE * float(np.sqrt(np.mean(np.concatenate(rates) ** 2))) + 1e-12
     columns, pulse = [], np.zeros(max(len(window.q) for window in windows) + 1)
     pulse[1] = 1.0
     impulse = lfilter([1.0], a, pulse)
@@ -291,8 +291,8 @@ def _discrete(w: float, z: float, period: float) -> tuple[Array, Array]:
 
 
 SETTLE, LAGS = 0.4, 5.0  # [s], [lags] after the last change of the command
-STILL = 0.2  # [s] over which a joint at rest stays within two steps of its encoder
-FEWEST = 2  # approaches of each direction for a dead band
+REST_SECONDS = 0.2  # [s] over which a joint at rest stays within two steps of its encoder
+MIN_APPROACHES = 2  # approaches of each direction for a dead band
 CHANGE = 1e-4  # [1] share of the range of the command below which it does not change
 
 
@@ -312,7 +312,7 @@ def at_rest(parts: Sequence[Part], lag: float, quantum: float, span: float) -> R
         return Rest(np.nan, np.nan, 0, np.nan)
     error, way = np.array(found).T
     up, down = error[way > 0], error[way < 0]
-    both = min(len(up), len(down)) >= FEWEST
+    both = min(len(up), len(down)) >= MIN_APPROACHES
     dead = abs(float(np.median(up) - np.median(down))) / 2 if both else np.nan
     return Rest(float(np.median(np.abs(error))), float(np.abs(error).max()), len(error), dead)
 
@@ -324,14 +324,14 @@ def _holds(part: Part, lag: float, quantum: float, span: float) -> list[tuple[fl
     edges = np.concatenate([[0], changed, [len(part.t)]])
     starts = np.searchsorted(part.t, part.t[edges[:-1]] + settle)
     last = part.t[edges[1:] - 1]
-    long = (edges[1:] - starts >= 3) & (last - part.t[np.minimum(starts, len(part.t) - 1)] >= STILL)
+    long = (edges[1:] - starts >= 3) & (last - part.t[np.minimum(starts, len(part.t) - 1)] >= REST_SECONDS)
     holds = []
     for k in np.flatnonzero(long).tolist():
         low, first, high = int(edges[k]), int(starts[k]), int(edges[k + 1])
         t, q = part.t[first:high], part.q[first:high]
         away = np.flatnonzero(np.abs(q - q[-1]) > 2.5 * quantum)
         since = int(away[-1]) + 1 if len(away) else 0  # the row from which on the joint does not move any more
-        if t[-1] - t[since] >= STILL:
+        if t[-1] - t[since] >= REST_SECONDS:
             step = float(part.command[low] - part.command[low - 1]) if low else 0.0
             holds.append((float(part.command[low] - np.median(q[since:])), float(np.sign(step))))
     return holds

@@ -12,7 +12,7 @@ from ...recording.sampling.clock import GAP, GAP_SECONDS, read_clock
 from ...types import Array, Mask, Recording, Samples, ServoSamples
 
 HUGE = 1e9  # [rad or m] implausible position
-SHORTEST, BRIEFEST = 12, 0.3  # of a stretch [rows], [s]
+MIN_STRETCH_ROWS, BRIEFEST = 12, 0.3  # of a stretch [rows], [s]
 EVEN = 0.5  # accepted difference of a time step from the median [1]
 
 
@@ -53,7 +53,7 @@ def read_samples(recording: Recording) -> Samples:
         RecordingError: too few rows, time that is not in seconds, or implausible positions.
     """
     name = recording.path or "the recording"
-    if len(recording) < SHORTEST:
+    if len(recording) < MIN_STRETCH_ROWS:
         raise RecordingError(f"{name} has {len(recording)} rows; record for longer")
     read_clock(recording, name)
     samples = recording.read()
@@ -105,7 +105,7 @@ def cut(samples: Samples, joint: int, rows: Mask, period: float, recording: int)
     has_pwm = pwm is not None and bool(np.isfinite(pwm[:, joint]).any())
     parts = []
     for low, high in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
-        if high - low < SHORTEST or not rows[low] or samples.t[high - 1] - samples.t[low] < BRIEFEST:
+        if high - low < MIN_STRETCH_ROWS or not rows[low] or samples.t[high - 1] - samples.t[low] < BRIEFEST:
             continue
         at = slice(low, high)
         duty = pwm[at, joint] if has_pwm and pwm is not None else None
@@ -127,7 +127,7 @@ def joined(parts: Sequence[Part | Grid], key: str) -> Array:
 
 SPARSEST = 20  # rows from one with content to the next
 REGULAR = 0.02  # [1] accepted difference of steps of time from their median
-FEW = 8  # rows with content, below which nothing is concluded
+MIN_CONTENT_ROWS = 8  # rows with content, below which nothing is concluded
 REST = 1e-4  # share of the power of differences in all other rows, below which they have no content (rounding)
 
 
@@ -144,10 +144,10 @@ def content_rows(t: Array, q: Array) -> slice:
         return slice(None)
     for order in (1, 2):
         power = np.sum((np.diff(q[:, moving], order, axis=0) / np.ptp(q[:, moving], axis=0)) ** 2, axis=1)
-        for k in range(min(SPARSEST, len(power) // FEW), 1, -1):
+        for k in range(min(SPARSEST, len(power) // MIN_CONTENT_ROWS), 1, -1):
             share = np.array([power[first::k].sum() for first in range(k)]) / max(power.sum(), 1e-300)
             first = int(np.argmax(share))
-            if 1 - share[first] < REST and np.count_nonzero(power[first::k] > REST * power.mean()) >= FEW:
+            if 1 - share[first] < REST and np.count_nonzero(power[first::k] > REST * power.mean()) >= MIN_CONTENT_ROWS:
                 return slice((first + 1) % k, None, k)
     return slice(None)
 

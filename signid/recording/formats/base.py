@@ -22,7 +22,7 @@ from ..names.match import guess
 
 MOST_DEPTH = 20  # groups inside each other
 NUMBERS, DATES = "biuf", "mM"  # kinds of data types
-MOST = 8_000_000_000  # maximum uncompressed size of a file that is read completely [bytes]
+MAX_UNPACKED = 8_000_000_000  # maximum uncompressed size of a file that is read completely [bytes]
 MOST_COLUMNS = 20_000  # of a table
 MOST_PARTS = 1000  # numbers of a list that becomes columns; longer ones are images or scans
 _MEMORY, _OWN = Path("/proc/meminfo"), Path("/proc/self/statm")  # of Linux

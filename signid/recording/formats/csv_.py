@@ -25,7 +25,7 @@ from ...errors import RecordingError, shorten
 from ...types import Array, Table
 from ..names.mapping import Heading, split
 from ..names.vocabulary import bracketed, unit_row
-from .base import MOST, MOST_COLUMNS, About, Format, MemoryTable, free_memory, hushed, require_memory
+from .base import MAX_UNPACKED, MOST_COLUMNS, About, Format, MemoryTable, free_memory, hushed, require_memory
 
 MOST_LINE = 1_000_000  # length of a line [bytes]
 MOST_NEWLINES = 1_000_000  # size from which on a text of empty lines is refused [bytes]
@@ -90,15 +90,15 @@ def _content(path: Path) -> bytes:
         require_memory(path, TIMES * path.stat().st_size)
         content = path.read_bytes()
         if content[:2] == b"\x1f\x8b":
-            content = gzip.GzipFile(fileobj=io.BytesIO(content)).read(int(min(MOST, free_memory() / TIMES)) + 1)
+            content = gzip.GzipFile(fileobj=io.BytesIO(content)).read(int(min(MAX_UNPACKED, free_memory() / TIMES)) + 1)
             require_memory(path, TIMES * len(content))
     except (EOFError, ZlibError, gzip.BadGzipFile) as error:
         raise RecordingError(f"{path} is cut short or damaged inside its gzip compression; copy it again") from error
     except OSError as error:
         raise RecordingError(f"{path} cannot be read: {error.strerror}") from error
-    if len(content) > MOST:
+    if len(content) > MAX_UNPACKED:
         advice = "give long recordings as Parquet, which is read in chunks"
-        raise RecordingError(f"{path} holds more than {MOST / 1e9:.3g} GB; {advice}")
+        raise RecordingError(f"{path} holds more than {MAX_UNPACKED / 1e9:.3g} GB; {advice}")
     if len(content) > MOST_NEWLINES and 2 * content.count(b"\n") > len(content):
         raise RecordingError(f"{path} consists mostly of empty lines; write it again as plain CSV")
     if line := _long_line(content):

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...errors import RecordingError
 from ...types import Table
-from .base import MOST, MOST_DEPTH, MOST_PARTS, Format, free_memory, memory_limited, require_memory
+from .base import MAX_UNPACKED, MOST_DEPTH, MOST_PARTS, Format, free_memory, memory_limited, require_memory
 from .hdf5 import open_hdf5, without_objects
 
 HEADER = 128  # length of the header [bytes]
@@ -82,7 +82,7 @@ def _readable(content: bytes) -> tuple[bytes, list[str]]:
         MemoryError: more data than memory holds.
     """
     order = {b"IM": "<", b"MI": ">"}[content[HEADER - 2 : HEADER]]
-    most = min(MOST, free_memory() / TIMES)
+    most = min(MAX_UNPACKED, free_memory() / TIMES)
     kept, names, objects, place, size = [content[:HEADER]], list[bytes](), list[str](), HEADER, 0
     while place + 8 <= len(content):
         outer = _element(content, place, order)

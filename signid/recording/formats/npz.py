@@ -11,7 +11,7 @@ import numpy as np
 
 from ...errors import RecordingError
 from ...types import Array, Table
-from .base import MOST, Format, free_memory, memory_table
+from .base import MAX_UNPACKED, Format, free_memory, memory_table
 
 
 class Npz(Format):
@@ -42,7 +42,7 @@ def _arrays(archive: Any) -> Iterator[tuple[str, Any]]:
         raise ValueError("a single array has no names")
     with archive:
         size = sum(item.file_size for item in archive.zip.infolist())
-        if 2 * size > min(MOST, free_memory()):
+        if 2 * size > min(MAX_UNPACKED, free_memory()):
             raise MemoryError
         for name in archive:
             try:

@@ -18,7 +18,7 @@ from .base import BROKEN, MOST_COLUMNS, MOST_DEPTH, MOST_PARTS, Format, hushed, 
 SLAB = 262_144  # [rows] decoded at once
 NUMBERS = (pl.Boolean, pl.Null, pl.Datetime, pl.Duration)  # types that are read as numbers
 SEEN = 1000  # [rows] in which the length of lists is found
-KEPT = 2  # number of slabs in memory, so that reads across a boundary decode nothing twice
+CACHED_SLABS = 2  # number of slabs in memory, so that reads across a boundary decode nothing twice
 
 
 class ColumnPart(NamedTuple):
@@ -65,7 +65,7 @@ class ScannedTable:
     def _slab(self, k: int, names: Sequence[str]) -> dict[str, Array]:
         slab = self._slabs.setdefault(k, {})
         self._slabs.move_to_end(k)
-        while len(self._slabs) > KEPT:
+        while len(self._slabs) > CACHED_SLABS:
             self._slabs.popitem(last=False)
         for name in names:  # decoding several at once needs much more memory for large row groups
             if name not in slab:

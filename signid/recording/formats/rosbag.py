@@ -21,9 +21,9 @@ from ..names.vocabulary import WORDS
 from ..streams import WRAP, Stamps, TimedColumns, at_times, plural
 from .base import About, Format, MemoryTable, Topic, memory_limited
 
-MOST = 1000  # maximum number of joints, lists of joints, or kinds of values, in a topic
+MAX_TOPIC_ITEMS = 1000  # maximum number of joints, lists of joints, or kinds of values, in a topic
 BACK = 0.01  # accepted share of header stamps that decrease or repeat
-APART = 0.5e9  # accepted difference between the clocks of header stamps [ns]
+MAX_CLOCK_OFFSET = 0.5e9  # accepted difference between the clocks of header stamps [ns]
 
 
 class Reading(NamedTuple):
@@ -85,8 +85,9 @@ class Gather:
             if kind not in layout.signals:
                 if not len(values):
                     continue
-                if len(layout.signals) >= MOST:
-                    raise RecordingError(f"topic {self.topic} has more than {MOST} kinds of values; name another topic")
+                if len(layout.signals) >= MAX_TOPIC_ITEMS:
+                    fault = f"has more than {MAX_TOPIC_ITEMS} kinds of values; name another topic"
+                    raise RecordingError(f"topic {self.topic} {fault}")
                 layout.signals[kind] = array("d", [np.nan]) * (len(names) * len(layout.order))
             column = layout.signals[kind]
             if len(values) == len(names):
@@ -102,8 +103,8 @@ class Gather:
         self.readings += 1
 
     def _open(self, names: tuple[str, ...]) -> Layout:
-        if len(self.layouts) >= MOST or len({*self.joints, *names}) > MOST:
-            fault = f"names more than {MOST} joints, or lists of joints; give the topic of one robot"
+        if len(self.layouts) >= MAX_TOPIC_ITEMS or len({*self.joints, *names}) > MAX_TOPIC_ITEMS:
+            fault = f"names more than {MAX_TOPIC_ITEMS} joints, or lists of joints; give the topic of one robot"
             raise RecordingError(f"topic {self.topic} {fault}")
         if len(set(names)) < len(names):
             raise RecordingError(f"topic {self.topic} names a joint twice in one message; correct its publisher")
@@ -212,7 +213,7 @@ def _clock(gathered: Sequence[Gather]) -> tuple[bool, str]:
             if not gather.plans and np.sum(np.diff(stamps) <= 0) > BACK * len(stamps):
                 return False, f"time of receipt (header stamps of {gather.topic} do not increase)"
             offsets += [] if gather.plans else [float(np.median(received - stamps))]
-    if offsets and np.ptp(offsets) > APART:
+    if offsets and np.ptp(offsets) > MAX_CLOCK_OFFSET:
         return False, f"time of receipt (clocks of the header stamps are {np.ptp(offsets) / 1e9:.3g} s apart)"
     return True, "header stamps"
 
@@ -287,7 +288,7 @@ def _base(streams: Sequence[TimedColumns], source: str) -> TimedColumns:
 
 
 PARTS = (".db3", ".mcap", ".zstd", ".yaml")  # suffixes of the files in a bag folder
-SHOWN = 120  # maximum length of a quoted library message [characters]
+MAX_QUOTE_LENGTH = 120  # maximum length of a quoted library message [characters]
 STANDARD = ("sensor_msgs/", "trajectory_msgs/")  # message types that are equal in all releases of ROS
 EXPECTED = " or ".join(", ".join(kind.rpartition("/")[2] for kind in READERS).rsplit(", ", 1))
 Topics = dict[str, list[Any]]  # rosbags connections by topic
@@ -342,7 +343,7 @@ def _one_error(path: Path) -> Iterator[None]:
     except MemoryError as error:
         raise RecordingError(f"{path} needs more memory than there is, or is damaged; split it by time") from error
     except Exception as error:  # broken files also raise struct, index and type errors
-        quoted = " ".join(str(error).split())[:SHOWN].rstrip(".")
+        quoted = " ".join(str(error).split())[:MAX_QUOTE_LENGTH].rstrip(".")
         reason = f" ({quoted})" if quoted else ""
         raise RecordingError(f"{path} is no ROS bag, or a damaged one{reason}; copy or record it again") from error
 

@@ -21,8 +21,8 @@ from ..units import time_unit
 
 BACK = 10.0  # a larger step back is no disorder of rows, but another clock [periods]
 SMALLER = {"ms": 1e3, "us": 1e6, "ns": 1e9}  # units of time in a second
-ALIKE = 0.1  # share by which the lengths of files may differ for their units to be compared
-LATEST = 9e9  # [s] latest time; int64 holds it in nanoseconds
+LENGTH_TOLERANCE = 0.1  # share by which the lengths of files may differ for their units to be compared
+MAX_TIME = 9e9  # [s] latest time; int64 holds it in nanoseconds
 ANY = "x"  # a joint without a name
 
 
@@ -95,8 +95,8 @@ def read_times(opened: Opened, mapping: ParsedColumns, notes: list[str]) -> Time
     since = getattr(table, "since", {}).get(column, 0)
     change = Change() if since else _change(raw, unit, name, column, mapping, notes)
     seconds = change.apply(raw)
-    if np.nanmax(np.abs(seconds), initial=0.0) > LATEST:
-        raise RecordingError(f"{name}: column {column!r} has times beyond {LATEST:.0e} s; state its unit: t [ns]")
+    if np.nanmax(np.abs(seconds), initial=0.0) > MAX_TIME:
+        raise RecordingError(f"{name}: column {column!r} has times beyond {MAX_TIME:.0e} s; state its unit: t [ns]")
     known = np.flatnonzero(np.isfinite(seconds))
     t = np.rint(seconds[known] * 1e9).astype(np.int64) + since + round(About.of(table).origin * 1e9)
     steps = np.diff(t)
@@ -124,7 +124,7 @@ def in_one_unit(files: Sequence[Timed], notes: list[str]) -> list[Timed]:
     found = []
     for file in files:
         ratio = float(np.ptp(file.seconds) / np.ptp(shortest.seconds))
-        unit = next((name for name, times in SMALLER.items() if abs(ratio / times - 1) < ALIKE), "")
+        unit = next((name for name, times in SMALLER.items() if abs(ratio / times - 1) < LENGTH_TOLERANCE), "")
         if unit and not file.stated:
             times = SMALLER[unit]
             notes.append(

@@ -18,11 +18,11 @@ from ..streams import TimedColumns, at_times
 from .files import Files, JoinedFile, NamedColumn, Timed, in_one_unit, name_columns, read_times
 from .offsets import Offset, Readings, estimate_offset
 
-SURE = 3.0  # [std] an offset that is larger is not zero
-BETTER = {False: 1.1, True: 1.5}  # residual without a shift over that with it, of measurements and of torques
-LEAST = {False: 0.5, True: 2.0}  # smallest offset [periods of the slower file], of measurements and of torques
+SHIFT_DEVIATIONS = 3.0  # [std] an offset that is larger is not zero
+UNSHIFTED_RATIO = {False: 1.1, True: 1.5}  # residual without a shift over that with it, of measurements and of torques
+MIN_OFFSET = {False: 0.5, True: 2.0}  # smallest offset [periods of the slower file], of measurements and of torques
 FRICTION = 0.02  # [s] error that friction and other joints may cause in the offset of a torque
-FEW = 0.5  # share of the rows of the first file below which the joined rows are flagged
+MIN_JOINED_SHARE = 0.5  # share of the rows of the first file below which the joined rows are flagged
 
 
 class Joined(NamedTuple):
@@ -178,8 +178,8 @@ def _judged(first: Timed, other: Timed, found: Offset, align: bool, notes: list[
     """Offset [s] that is applied where clocks overlap; None if the estimate is not clear."""
     shift, slower = found.shift, max(first.period, other.period)
     number, basis = _number(shift.seconds, found), _basis(found)
-    least = max(LEAST[found.force] * slower, FRICTION if found.force else 0.0, SURE * shift.std)
-    better = 1 - shift.unshifted > BETTER[found.force] * (1 - shift.explained)
+    least = max(MIN_OFFSET[found.force] * slower, FRICTION if found.force else 0.0, SHIFT_DEVIATIONS * shift.std)
+    better = 1 - shift.unshifted > UNSHIFTED_RATIO[found.force] * (1 - shift.explained)
     if found.command:
         if abs(shift.seconds) > least and better:
             meant = "this is the lag of the servo, an offset of the clocks, or both, and is not removed"
@@ -232,7 +232,7 @@ def _table(
             raise RecordingError(f"{part.file.name} does not overlap {base.file.name} in time; {advice}")
     columns, inside = at_times(base.stream(), [part.stream() for part in parts[1:]], notes, slower=True)
     count = len(base.file.t[inside])
-    if count < FEW * len(base.file.t):
+    if count < MIN_JOINED_SHARE * len(base.file.t):
         flags.append(f"{base.file.name}: only {count} of its {len(base.file.t)} rows lie within the times of all files")
     notes += _lacking(parts, columns, inside)
     about = [About.of(each.table) for each in opened]

@@ -11,21 +11,20 @@ from ...types import Array
 from ..names.vocabulary import WORDS
 from ..streams import GAP, GAP_NS
 
-SMOOTH = 0.05  # [s] window of the derivative of a position; at least FEW rows
-FEW = 5
-SLOW = 0.1  # [1] speed over its rms at which friction reverses
+SMOOTH, MIN_WINDOW_ROWS = 0.05, 5  # [s] window of the derivative of a position; its least number of rows
+FRICTION_SPEED_SHARE = 0.1  # [1] speed over its rms at which friction reverses
 BIN = 0.1  # [s]
-ALONE, MOST = 6, 40  # columns of a joint and of all joints that may explain a torque
+JOINT_COLUMNS, MAX_COLUMNS = 6, 40  # columns of a joint and of all joints that may explain a torque
 BIAS = 0.1  # [s] error of an offset by a share of the torque that the fit of the motion leaves
 CELLS = 100_000  # of the grid on which shifts are compared: rows times columns
 OVERLAP = 0.5  # share of the shorter file that overlaps at every shift that is tried
 FORCES = ("tau", "current")
 ROWS = 20_000  # most rows of a grid on which shifts are compared
-LEAST = 0.5  # [1] least share of a signal that is explained
+MIN_EXPLAINED = 0.5  # [1] least share of a signal that is explained
 AROUND = 0.5  # [s] the best peak at most so much further from no shift than the nearest good one is chosen
 RIVAL, RIVAL_SHARE = 3.0, 0.002  # a second peak is one whose residual is below either: [residual of the best], [1]
 NARROW = 0.05  # [s] peaks nearer than this are one
-FEWEST = 50  # rows that overlap
+MIN_OVERLAP_ROWS = 50  # rows that overlap
 QUIET = 1e-3  # [1] variance of a part over that of the whole, below which it says nothing
 BLOCKS = 20  # blocks of rows whose scores count as independent
 RIDGE = 1e-9
@@ -81,8 +80,8 @@ def _pairs(moving: AllReadings, other: AllReadings, sharp: str, swapped: bool) -
     """Signals of one file that columns of another explain."""
     for (kind, joint), track in other.items():
         for source, order in _sources(kind, sharp):
-            if (source, joint) in moving and len(track.t) >= FEWEST:
-                made = _motion(moving, (source, joint), order, min(MOST, _crossings(track)))
+            if (source, joint) in moving and len(track.t) >= MIN_OVERLAP_ROWS:
+                made = _motion(moving, (source, joint), order, min(MAX_COLUMNS, _crossings(track)))
                 if made is not None:
                     with_what = "the motion" if order < 0 else f"its {WORDS[source]}"
                     words = f"{WORDS[kind]} of {joint} with {with_what}"
@@ -112,14 +111,14 @@ def _motion(moving: AllReadings, key: tuple[str, str], order: int, most: int) ->
 
     track = moving[key]
     steps = np.diff(track.t)
-    if len(track.t) < FEWEST or not np.ptp(track.x) > 0 or most < (ALONE if order < 0 else 1):
+    if len(track.t) < MIN_OVERLAP_ROWS or not np.ptp(track.x) > 0 or most < (JOINT_COLUMNS if order < 0 else 1):
         return None
     period = max(float(np.median(steps)), float(np.ptp(track.t)) / (4 * ROWS))
     t = np.arange(track.t[0], track.t[-1] + 1e-9, period)
     q = np.interp(t, track.t, track.x)
     after = np.clip(np.searchsorted(track.t, t, side="right") - 1, 0, len(steps) - 1)
     known = steps[after] <= max(GAP * period, GAP_NS / 1e9)
-    window = max(FEW, round(SMOOTH / period) // 2 * 2 + 1)
+    window = max(MIN_WINDOW_ROWS, round(SMOOTH / period) // 2 * 2 + 1)
     if len(q) <= window:
         return None
 
@@ -132,10 +131,10 @@ def _motion(moving: AllReadings, key: tuple[str, str], order: int, most: int) ->
         columns = [derivative(q, order)]
     else:
         dq, shape = derivative(q, 1), (q - q.mean()) / q.std()
-        slow = SLOW * float(np.sqrt(np.mean(dq * dq))) + 1e-300
+        slow = FRICTION_SPEED_SHARE * float(np.sqrt(np.mean(dq * dq))) + 1e-300
         columns = [dq, derivative(q, 2), np.tanh(dq / slow), shape, shape**2, shape**3]
         for other, rival in moving.items():
-            if other[0] == key[0] and other != key and len(rival.t) >= FEWEST and np.ptp(rival.x) > 0:
+            if other[0] == key[0] and other != key and len(rival.t) >= MIN_OVERLAP_ROWS and np.ptp(rival.x) > 0:
                 x = np.interp(t, rival.t, rival.x)
                 level = (x - x.mean()) / max(float(x.std()), 1e-300)
                 columns += [derivative(x, 2), level, level**2, level * shape]
@@ -167,11 +166,11 @@ def _common(pairs: Sequence[_Pair], overlap: float) -> ClockShift | str:
     mean = np.mean([np.interp(grid, shifts, explained) for shifts, explained in profiles], axis=0)
     near, rivalled = pick_shift(grid, mean, bool(overlap > OVERLAP * min(map(min, spans))))
     if np.isnan(near):
-        return f"no shift explains more than {LEAST:.0%} of {pairs[0].words.partition(' with ')[0]}"
+        return f"no shift explains more than {MIN_EXPLAINED:.0%} of {pairs[0].words.partition(' with ')[0]}"
     if rivalled:
         return "the motion repeats itself, so several shifts explain it as well"
     found = [_fine(pair, near, 2 * period) for pair in pairs]
-    found = [each for each in found if each.explained >= LEAST and np.isfinite(each.std)]
+    found = [each for each in found if each.explained >= MIN_EXPLAINED and np.isfinite(each.std)]
     return _combined(found) if found else "no shift explains the signals"
 
 
@@ -247,7 +246,7 @@ def coarse_shifts(motion: Predictors, answer: TargetSignal, period: float, least
     shift = np.arange(-(len(y) - 1), len(x))
     low, high = np.maximum(0, shift), np.minimum(len(x), len(y) + shift)
     count = high - low
-    use = count >= max(FEWEST, min(least / period, len(x), len(y)))
+    use = count >= max(MIN_OVERLAP_ROWS, min(least / period, len(x), len(y)))
     shift, low, high, count = shift[use], low[use], high[use], count[use]
     if not len(shift):
         return np.zeros(0), np.zeros(0)
@@ -279,7 +278,7 @@ def pick_shift(shifts: Array, explained: Array, near_zero: bool) -> tuple[float,
     """
     inner = (explained[1:-1] >= explained[:-2]) & (explained[1:-1] > explained[2:])
     tops = np.flatnonzero(inner) + 1
-    tops = tops[explained[tops] >= LEAST]
+    tops = tops[explained[tops] >= MIN_EXPLAINED]
     if not len(tops):
         return np.nan, False
     best = int(tops[np.argmax(explained[tops])])
@@ -308,7 +307,7 @@ def fine_shift(motion: Predictors, answer: TargetSignal, near: float, width: flo
         at = t + shift
         place = np.clip(np.rint((at - motion.start) / motion.period).astype(int), 0, len(motion.x) - 1)
         use = (at >= motion.t[0]) & (at <= motion.t[-1]) & motion.known[place]
-        if use.sum() < FEWEST or not np.var(y[use]) > 0:
+        if use.sum() < MIN_OVERLAP_ROWS or not np.var(y[use]) > 0:
             return 1.0, np.inf, float(use.sum())
         a = np.column_stack([spline(at[use]) / scale, np.ones(int(use.sum()))])
         slope, *_ = np.linalg.lstsq(a, y[use], rcond=1e-10)

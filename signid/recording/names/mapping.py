@@ -25,7 +25,7 @@ TORQUES = ("tau", "current", "abs_tau", "abs_current")  # in the order of prefer
 DRIVE = ("on", "pwm", "volt", "temp")  # kinds of columns whose names often mean something else
 MOST_SKIPPED = 10_000  # lines before a header
 MOST_NAMES = 20_000  # of columns
-SLOWEST, FASTEST = 0.2, 1e5  # [Hz] plausible rates of rows
+MIN_HERTZ, MAX_HERTZ = 0.2, 1e5  # [Hz] plausible rates of rows
 SHIFTED = ("q", "q_des")  # kinds of columns that a zero shifts
 SIGNED = (*SHIFTED, "dq", "dq_des", "ddq", "tau", "tau_ff", "current", "pwm")  # kinds whose sign is that of the joint
 FIELDS = ("column", "unit", "scale", "offset")  # keys of a column in the long form
@@ -38,7 +38,7 @@ SECTIONS: Mapping[str, tuple[str, ...]] = {  # sections of a reading and their k
 }
 ColumnMap = str | Path | Mapping[str, Any]
 COUNTS = 4095  # counts of a turn by which LeRobot divides, of motors with 12 bits
-PERCENT, SLACK = 100.0, 0.5  # largest share of the range, and what rounding adds [%]
+PERCENT, PERCENT_ROUNDING = 100.0, 0.5  # largest share of the range, and what rounding adds [%]
 KEYS = ("range_min", "range_max")
 
 
@@ -238,8 +238,8 @@ def read_heading(name: str, skip: object, names: object, rate: object = None) ->
         RecordingError: no number of lines, no list of different names, or no rate; without `name`, OptionError.
     """
     hertz = float(rate) if isinstance(rate, int | float) and not isinstance(rate, bool) else -1.0
-    if rate is not None and not (hertz == 0 or SLOWEST <= hertz <= FASTEST):
-        expected = f"expected rows a second, {SLOWEST} to {FASTEST:.0f}, or 0 where each row is a posture at rest"
+    if rate is not None and not (hertz == 0 or MIN_HERTZ <= hertz <= MAX_HERTZ):
+        expected = f"expected rows a second, {MIN_HERTZ} to {MAX_HERTZ:.0f}, or 0 where each row is a posture at rest"
         kind = RecordingError if name else OptionError
         raise kind(f"{name}{name and ': '}rate = {rate!r} is no rate of rows; {expected}")
     if not isinstance(skip, int) or isinstance(skip, bool) or not 0 <= skip <= MOST_SKIPPED:
@@ -427,10 +427,10 @@ def calibrated(values: Mapping[str, Array], ranges: Mapping[str, MotorRange]) ->
     the half of its range in degrees are per cent. A gripper has 0 to 100 %.
     """
     ends = {name: (float(np.nanmin(x, initial=0.0)), float(np.nanmax(x, initial=0.0))) for name, x in values.items()}
-    grippers = {name for name, (low, _) in ends.items() if "gripper" in name.lower() and low >= -SLACK}
+    grippers = {name for name, (low, _) in ends.items() if "gripper" in name.lower() and low >= -PERCENT_ROUNDING}
     most = {name: max(-low, high) for name, (low, high) in ends.items() if name in ranges and name not in grippers}
-    degrees = any(size > PERCENT + SLACK for size in most.values())
-    sure = any(size > np.degrees(ranges[name].angle) / 2 + SLACK for name, size in most.items())
+    degrees = any(size > PERCENT + PERCENT_ROUNDING for size in most.values())
+    sure = any(size > np.degrees(ranges[name].angle) / 2 + PERCENT_ROUNDING for name, size in most.items())
     found: dict[str, Calibrated] = {}
     for name in values:
         if name not in ranges:

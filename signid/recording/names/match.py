@@ -16,9 +16,9 @@ from .vocabulary import CLOCKS, OF, SPELLINGS, UNITS, VOCABULARY, Word, brackete
 
 SO_ARM = "shoulderpan rotation;shoulderlift pitch;elbowflex elbow;wristflex wristpitch;wristroll;gripper jaw"
 SO_JOINTS = {name: place for place, names in enumerate(SO_ARM.split(";")) for name in names.split()}
-LEAST = 5  # joints of an SO arm, without its gripper
-LONGEST = 200  # characters of a name that has a meaning
-ALIKE = 0.6  # minimum similarity of two names [1]
+MIN_ARM_JOINTS = 5  # joints of an SO arm, without its gripper
+MAX_TOKEN_LENGTH = 200  # characters of a name that has a meaning
+MIN_TOKEN_SIMILARITY = 0.6  # minimum similarity of two names [1]
 JOINT_WORDS = "|".join(word for word, meaning in VOCABULARY.items() if meaning.side == "joint")
 NUMBER = re.compile(rf"(?:{JOINT_WORDS}|act|link|id|j|a|m|s)?0*(\d+)")
 OF_RATE = {("dq", "deg"): "deg/s", ("dq", "rad"): "rad/s", ("ddq", "deg"): "deg/s2", ("ddq", "rad"): "rad/s2"}
@@ -64,7 +64,7 @@ def guess(column: str, known: Collection[str] = ()) -> Guess | None:
     `known` are names and numbers of joints: a column such as q_elbow is then one of the joint elbow. Names of more than
     200 characters have no meaning.
     """
-    if len(column) > LONGEST:
+    if len(column) > MAX_TOKEN_LENGTH:
         return None
     if column == "t":
         return Guess(column, "t", "", "", True)
@@ -121,7 +121,7 @@ def _match_names(tokens: Sequence[str], joints: Sequence[str], robot: Robot) -> 
 
     alike = np.array([[_likeness(token, joint, robot, tokens) for joint in joints] for token in tokens])
     pairs = zip(*linear_sum_assignment(-alike), strict=True)
-    return {tokens[i]: joints[j] for i, j in pairs if alike[i, j] >= ALIKE}
+    return {tokens[i]: joints[j] for i, j in pairs if alike[i, j] >= MIN_TOKEN_SIMILARITY}
 
 
 def pair_in_order(guesses: Sequence[Guess], signals: Mapping[str, Guess], robot: Robot) -> Iterator[tuple[str, Guess]]:
@@ -265,7 +265,7 @@ def by_place_in_arm(tokens: Collection[str], robot: Robot) -> dict[str, str]:
     The robot has as many joints, with at least one other name.
     """
     places = {token: SO_JOINTS[plain] for token in tokens if (plain := _plain(token)) in SO_JOINTS}
-    if sorted(places.values()) != [*range(len(robot.joints))] or len(places) < max(len(tokens), LEAST):
+    if sorted(places.values()) != [*range(len(robot.joints))] or len(places) < max(len(tokens), MIN_ARM_JOINTS):
         return {}
     return {token: _chain(robot)[place] for token, place in places.items()} if {*tokens} - {*robot.joints} else {}
 

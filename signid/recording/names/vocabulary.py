@@ -140,7 +140,7 @@ _BRACKETS = re.compile(r"\s*[\[(]\s*([^\[\]()\s](?:[^\[\]()]{0,20}[^\[\]()\s])?)
 _IN = re.compile(r"(?<=\w)[\s_]+in[\s_]+(\S{1,10})$", re.IGNORECASE)  # "Strom in A"
 _NO_UNIT = ("", "-", "[]", "[-]", "()", "(-)")  # cells of a row of units for columns without one
 INTEGRAL = "integral of "  # beginning of the names of positions that are integrated from velocities
-_SHORTEST = 3  # letters of each part of a compound
+_MIN_PART_LETTERS = 3  # letters of each part of a compound
 _RATES = re.compile(r"(d{1,2})(theta|pos|position|angle)")
 
 
@@ -149,7 +149,7 @@ def words_of(text: str) -> list[str]:
     plain = "".join(letter for letter in normalize("NFD", text) if not combining(letter))  # posición is posicion
     found = [word.lower() for word in re.findall(r"[A-Z]?[^\W\d_A-Z]+|[A-Z]+(?![a-z])|\d+", plain)]
     for k in range(len(found) - 1, 0, -1):
-        if found[k - 1] + found[k] in VOCABULARY and min(len(found[k - 1]), len(found[k])) >= _SHORTEST:
+        if found[k - 1] + found[k] in VOCABULARY and min(len(found[k - 1]), len(found[k])) >= _MIN_PART_LETTERS:
             found[k - 1 : k + 1] = [found[k - 1] + found[k]]  # "set point"
     return [part for word in found for part in _parts(word)]
 
@@ -195,7 +195,7 @@ def _parts(word: str) -> list[str]:
         return [word]
     if rate := _RATES.fullmatch(word):
         return [rate[2], {"d": "dot", "dd": "ddot"}[rate[1]]]
-    for k in range(len(word) - _SHORTEST, _SHORTEST - 1, -1):
+    for k in range(len(word) - _MIN_PART_LETTERS, _MIN_PART_LETTERS - 1, -1):
         begun, rest = word[:k], word[k:]
         if begun in (*VOCABULARY, "arm") and begun not in UNITS and rest in VOCABULARY and rest not in UNITS:
             return [begun, rest]

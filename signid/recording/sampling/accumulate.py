@@ -8,17 +8,17 @@ import numpy as np
 
 from ...types import Array, Indices, Mask, Recording
 from .clock import CHUNK, Clock
-from .grid import BRIEFEST, SHORTEST, STRIDE, Stretch
+from .grid import BRIEFEST, MIN_STRETCH_SAMPLES, STRIDE, Stretch
 
 SMOOTH = 0.02  # [s] averaging time of velocities
 WINDOWS = (16, 256)  # [samples] lengths over which a uniform clock must not drift
 UNEVEN = 1e-3  # tolerance of a uniform clock [periods]
 TURN = 0.16  # [1] jumps this close to the span of a register, relative to it, are wraps
 FAST = 10.0  # [1] step that is a jump, over the largest usual step
-USUAL = 0.995  # [1] quantile of the steps that is the largest usual one; jumps are rare
+STEP_QUANTILE = 0.995  # [1] quantile of the steps that is the largest usual one; jumps are rare
 ALMOST = 0.8  # [1] smallest jump over the range of the positions: from one end to the other
 NICE = (*(2 * np.pi * k for k in (1, 2, 3, 4, 5, 8, 10, 16)), 12.5, 25.0, 50.0, 95.5, 191.0)  # [rad] of known drives
-NEAR = 2e-3  # [1] relative distance from a usual span at which it is that span
+SPAN_TOLERANCE = 2e-3  # [1] relative distance from a usual span at which it is that span
 
 
 @dataclass
@@ -106,7 +106,7 @@ class Accumulator:
         breaks[0] |= self._open is None
         self._last, self._missing = float(t[index[-1]]), bool(missing[index[-1] :].any())
         bounds = np.concatenate([[0], np.flatnonzero(breaks[1:]) + 1, [len(index)]])
-        usable = np.diff(bounds) >= SHORTEST
+        usable = np.diff(bounds) >= MIN_STRETCH_SAMPLES
         usable[[0, -1]] = True  # may continue in the neighbouring chunks
         self.short += int(np.sum(~usable))
         for k in np.flatnonzero(usable):
@@ -122,7 +122,7 @@ class Accumulator:
         """End the open stretch; discard it if it is too short."""
         if self._open is None:
             return
-        if self._open.kept < SHORTEST or self._open.t - self._open.stamps[0] < BRIEFEST:
+        if self._open.kept < MIN_STRETCH_SAMPLES or self._open.t - self._open.stamps[0] < BRIEFEST:
             self.short += 1
         else:
             self.total.add(self._open.range)
@@ -196,7 +196,7 @@ def register_spans(recording: Recording) -> Array:
 def _span(q: Array) -> float:
     """Span of the register of positions q (N,) [rad or m]; 0 without a wrap."""
     step = np.diff(q)
-    usual = float(np.quantile(np.abs(step), USUAL)) if len(step) > 2 else 0.0
+    usual = float(np.quantile(np.abs(step), STEP_QUANTILE)) if len(step) > 2 else 0.0
     low, high = (float(q.min()), float(q.max())) if len(q) else (0.0, 0.0)
     jumps = np.flatnonzero(np.abs(step) > max(FAST * usual, ALMOST * (high - low), 1e-9))
     if not len(jumps) or len(jumps) > 0.01 * len(step):
@@ -210,7 +210,7 @@ def _span(q: Array) -> float:
         return 0.0
     sizes = np.abs(beside - step[jumps])
     span = float(np.median(sizes))
-    if np.ptp(sizes) > max(width, NEAR * span) or width > 0.2 * span:
+    if np.ptp(sizes) > max(width, SPAN_TOLERANCE * span) or width > 0.2 * span:
         return 0.0
     nice = min(NICE, key=lambda known: abs(known - span))
-    return nice if abs(nice - span) <= NEAR * span else span
+    return nice if abs(nice - span) <= SPAN_TOLERANCE * span else span

@@ -17,7 +17,7 @@ from .clock import CHUNK, Clock, fit_even
 MOST_ROWS, MOST_SECONDS = 20_000, 60.0  # part of a recording that is compared
 WINDOW, SECONDS = 11, 0.08  # length of the local polynomials: at least both [rows], [s]
 DEGREE, TORQUE_DEGREE = 4, 2
-BLOCKS, FEWEST = 20, 4  # most blocks that are compared; windows of a block
+BLOCKS, MIN_BLOCK_WINDOWS = 20, 4  # most blocks that are compared; windows of a block
 RANK = 1e-6  # [1] singular values below are zero, relative to the largest
 CLEAR_TORQUE, CLEAR_POSITION = (0.02, 4.0), (0.05, 5.0)  # mean log ratio of rms [1] and standard errors that decide
 ALONE = 2.0  # factor on both for positions without torques
@@ -144,7 +144,7 @@ def second_is_better(robot: Robot | None, stretches: list[TimedRows], period: fl
 
 def _compare(first: Array, second: Array) -> _Comparison | None:
     """Compare squared residuals (W, n) of two clocks; None if there are too few windows, or no residuals."""
-    blocks = min(BLOCKS, len(first) // FEWEST)
+    blocks = min(BLOCKS, len(first) // MIN_BLOCK_WINDOWS)
     if blocks < 5 or not first.shape[1]:
         return None
     pairs = zip(np.array_split(first, blocks), np.array_split(second, blocks), strict=True)

@@ -19,23 +19,23 @@ from ..names.vocabulary import kinds_of
 CHUNK = 65_536  # rows
 PIECES = 16  # number of equally spaced chunks that determine the period
 GAP, GAP_SECONDS = 3.5, 0.01  # a gap is longer than both [periods], [s]
-CLOSE = 0.02  # distance below which stamps count as repeated [periods]
-SLOWEST, FASTEST = 5.0, 1e-5  # [s] plausible range of sampling periods; outside, the unit is not seconds
+REPEAT_DISTANCE = 0.02  # distance below which stamps count as repeated [periods]
+MAX_STEP, MIN_STEP = 5.0, 1e-5  # [s] plausible range of sampling periods; outside, the unit is not seconds
 TYPICAL = 5e-3  # [s] typical sampling period
 UNITS = {"milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9, "hours": 3600.0, "days": 86400.0}
-FAR = 1e4  # [s] stamps that begin this far from 0, such as those since 1970, are shown from the start of a recording
+SHIFTED_START = 1e4  # [s] stamps that begin this far from 0, such as since 1970, are shown from a recording's start
 COARSEST = 0.25  # coarsest rounding of stamps in uniform sampling [periods]
 WINDOW, BLOCK, KNOTS = 512, 256, 16  # [rows] that determine the period; of a phase; [blocks] between changes of rate
-FEWEST = 64  # rows that an even clock needs
-NEAREST, FARTHEST = 0.7, 1.45  # [median steps] range in which the period is searched
+MIN_CLOCK_ROWS = 64  # rows that an even clock needs
+MIN_PERIOD_RATIO, MAX_PERIOD_RATIO = 0.7, 1.45  # [median steps] range in which the period is searched
 COHERENT = 0.25  # [1] coherence from which dropped rows can be counted; white errors of a quarter of a period: 0.29
 LOOSEST = 0.35  # [periods] largest rms error of a stamp; uniform phases have 0.29, one period more has 0.5
 WANDER = 0.1  # [periods] largest rms departure of the phase from a slow drift
 STEADY = 0.05  # [periods] drift of the phase within a stretch that makes no difference
 DRIFT = 1e-3  # [1] largest relative change of rate within a stretch: the tolerance of uniform sampling
 DROPPED = 0.5  # largest share of missing rows within a stretch
-FEW = 0.5  # [periods] least summed error that a jump next to an end must save
-SMALLEST = 1e-3  # [periods] largest error that makes no difference: the tolerance of uniform sampling
+MIN_JUMP_SAVING = 0.5  # [periods] least summed error that a jump next to an end must save
+UNIFORM_ERROR = 1e-3  # [periods] largest error that makes no difference: the tolerance of uniform sampling
 DEEPEST = 4.0  # [periods] by which stamps may go back and are repaired
 REPEATED = 0.01  # accepted share of rows with a repeated time
 COPIED = 0.2  # [1] rows with a repeated time move as often as others; below this share they are copies
@@ -65,7 +65,7 @@ class Clock(NamedTuple):
     @property
     def close(self) -> float:
         """Time difference below which stamps count as repeated [s]."""
-        return CLOSE * self.period
+        return REPEAT_DISTANCE * self.period
 
 
 def read_clock(recording: Recording, name: str) -> Clock:
@@ -93,13 +93,13 @@ def read_clock(recording: Recording, name: str) -> Clock:
         advice = ": sort the rows by time" if (steps < 0).any() else ""
         raise RecordingError(f"{name}: time {fault}; expected seconds that increase from row to row{advice}")
     period = float(np.median(forward))
-    if not FASTEST <= period <= SLOWEST:
+    if not MIN_STEP <= period <= MAX_STEP:
         unit = likely_unit(period)
         advice = f"it looks like {unit}; convert it to seconds"
         if short := {"milliseconds": "ms", "microseconds": "us", "nanoseconds": "ns", "hours": "h"}.get(unit):
             advice += f', or write [units] t = "{short}", on two lines, into a column map (--columns)'
         raise RecordingError(f"{name}: column {column!r} steps by {period:g}, which cannot be seconds: {advice}")
-    mean = float(forward[(forward <= max(GAP * period, GAP_SECONDS)) & (forward > CLOSE * period)].mean())
+    mean = float(forward[(forward <= max(GAP * period, GAP_SECONDS)) & (forward > REPEAT_DISTANCE * period)].mean())
     return Clock(period, mean, resolution(last) if len(last) else 0.0)
 
 
@@ -109,7 +109,7 @@ def time_origin(recording: Recording) -> float:
     for start in range(0, len(recording), CHUNK):
         stamps = recording.table.read((column,), start, start + CHUNK)[:, 0]
         if (known := stamps[np.isfinite(stamps)]).size:
-            return float(known[0]) if abs(known[0]) >= FAR else 0.0
+            return float(known[0]) if abs(known[0]) >= SHIFTED_START else 0.0
     return 0.0
 
 
@@ -150,13 +150,13 @@ def fit_even(stamps: Array, clock: Clock) -> EvenClock | None:
     Source: Bretthorst, Bayesian Spectrum Analysis and Parameter Estimation, 1988 (periodogram of phases); Barlow,
     Bartholomew, Bremner, Brunk, Statistical Inference under Order Restrictions, 1972 (isotonic regression).
     """
-    if len(stamps) < FEWEST:
+    if len(stamps) < MIN_CLOCK_ROWS:
         return None
     x = stamps - stamps[0]
     ends = [0, *(np.flatnonzero(np.diff(x) > clock.gap) + 1).tolist(), len(x)]
     parts = [x[low:high] for low, high in pairwise(ends)]
     longest = max(parts, key=len)
-    if len(longest) < FEWEST:
+    if len(longest) < MIN_CLOCK_ROWS:
         return None
     period, coherence = _period(longest, clock.period)
     count = _ticks if coherence >= COHERENT else lambda x, _: np.arange(len(x), dtype=float)
@@ -169,7 +169,7 @@ def fit_even(stamps: Array, clock: Clock) -> EvenClock | None:
     times, cycles = np.concatenate([fit for fit in fits if fit is not None]), sum(float(k[-1]) for k in ticks)
     error, missing = x - times, int(cycles) + len(parts) - len(x)
     jitter = float(np.sqrt(np.mean(error**2)))
-    usable = SMALLEST * period < np.abs(error).max() and jitter <= LOOSEST * period and missing <= DROPPED * len(x)
+    usable = UNIFORM_ERROR * period < np.abs(error).max() and jitter <= LOOSEST * period and missing <= DROPPED * len(x)
     return EvenClock(period, stamps[0] + times, jitter, missing) if usable and np.all(np.diff(times) > 0) else None
 
 
@@ -187,7 +187,7 @@ def repair_stamps(stamps: Array, q: Array) -> RepairedStamps | None:
     Rows keep their order, unless positions q (N, n) [rad or m] are smoother in that of their stamps.
     """
     steps = np.diff(stamps)
-    if len(stamps) < FEWEST or not (steps > 0).any():
+    if len(stamps) < MIN_CLOCK_ROWS or not (steps > 0).any():
         return None
     back, again, forward = steps < 0, steps == 0, float(np.median(steps[steps > 0]))
     if back.any():
@@ -223,7 +223,7 @@ def _spaced(stamps: Array, gap: float, most: float) -> tuple[Array, float] | Non
     ends = [0, *(np.flatnonzero(np.diff(stamps) > gap) + 1).tolist(), len(stamps)]
     parts = [stamps[low:high] - stamps[0] for low, high in pairwise(ends)]
     ticks = [np.arange(len(part), dtype=float) for part in parts]
-    period = _common_period(parts, ticks) if len(parts) < len(stamps) / FEWEST else 0.0
+    period = _common_period(parts, ticks) if len(parts) < len(stamps) / MIN_CLOCK_ROWS else 0.0
     found = [
         fit for x, k in zip(parts, ticks, strict=True) if period > 0 and (fit := _smooth(x, k, period)) is not None
     ]
@@ -245,7 +245,7 @@ def _period(x: Array, typical: float) -> tuple[float, float]:
     best = starts[np.argmin(x[starts + size - 1] - x[starts])]  # the window with the fewest dropped rows
     part = (x[best : best + size] - x[best]) / typical
     step = 1 / (8 * part[-1])
-    frequency = np.arange(1 / FARTHEST, 1 / NEAREST, step)
+    frequency = np.arange(1 / MAX_PERIOD_RATIO, 1 / MIN_PERIOD_RATIO, step)
     coherence = np.array([abs(np.exp(2j * np.pi * f * part).mean()) for f in frequency])
     k = int(np.clip(np.argmax(coherence), 1, len(frequency) - 2))
     left, middle, right = coherence[k - 1 : k + 2]
@@ -269,7 +269,7 @@ def _ticks(x: Array, period: float) -> Array:
     for end in (slice(None), slice(None, None, -1)):  # a few rows at an end are no evidence against their errors
         m, r = missing[end], (near - np.rint(near[0]))[end]
         run = int(np.argmax(m != m[0]))
-        if run and np.sum(np.abs(r[:run] - m[run]) - np.abs(r[:run] - m[0])) < FEW + 2 * rms:
+        if run and np.sum(np.abs(r[:run] - m[run]) - np.abs(r[:run] - m[0])) < MIN_JUMP_SAVING + 2 * rms:
             m[:run] = m[run]
     return np.asarray(rows + missing - missing[0], float)
 
@@ -386,4 +386,4 @@ def _apart(t: Array, other: Array) -> float | None:
     rounding = max(resolution(t[-64:]), unit * resolution(other[-64:]))  # of the coarser one
     if spread <= (1 + DIFFERENT) * rounding + DIFFERENT * period:
         return None
-    return float(np.ptp(apart)) * (1.0 if period <= SLOWEST else UNITS[likely_unit(period)])
+    return float(np.ptp(apart)) * (1.0 if period <= MAX_STEP else UNITS[likely_unit(period)])

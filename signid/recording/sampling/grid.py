@@ -17,14 +17,14 @@ from .choice import Choice
 from .knots import BLOCK, HELD, Knots, find_knots, same_knots, spline_values
 
 STRIDE = 4096  # [kept rows] between two stored time stamps
-SHORTEST = 8  # minimum length of a stretch [samples]
+MIN_STRETCH_SAMPLES = 8  # minimum length of a stretch [samples]
 BRIEFEST = 0.5  # minimum duration of a stretch [s]
 SESSION = 4 * 3600.0  # longest time over which recordings count as one session [s]: a shift without a cold start
 COUNT = 6  # number of stretches of a subsample
 Span = tuple[int, int]
 WINDOW = 8192  # [rows] part in which knots are searched
-BLOCKS, SHORT, STEPS = 12, 160, 16  # blocks of the recording that must agree; their least length [rows], [steps]
-AGREE = 0.8  # smallest share of blocks that agree
+BLOCKS, MIN_BLOCK_ROWS, MIN_BLOCK_STEPS = 12, 160, 16  # blocks that must agree; their least length [rows], [steps]
+KNOT_BLOCKS_SHARE = 0.8  # smallest share of blocks that agree
 SIGNALS = ("q", "tau", "dq", "ddq", "q_des")
 BOUND = ("q", "tau")  # signals that bound the rate
 POINTS = 6  # neighbours of an interpolated value (Lagrange). Error of a sine: 3 % of 4 samples a period, 0.05 % of 8
@@ -109,7 +109,7 @@ def split(sampling: Sampling, share: float) -> tuple[Sampling, Sampling]:
     Raises:
         RecordingError: one of the two parts is too short.
     """
-    least = max(SHORTEST, round(BRIEFEST / sampling.period))
+    least = max(MIN_STRETCH_SAMPLES, round(BRIEFEST / sampling.period))
     cut = round(share * sum(stretch.count for stretch in sampling.stretches))
     first, last = [], []
     for stretch in sampling.stretches:
@@ -134,14 +134,14 @@ def between(sampling: Sampling, intervals: Sequence[tuple[float, float]]) -> Sam
         for interval in intervals:
             low, high = (int(np.ceil((t - first) / sampling.period - 1e-6)) for t in interval)
             low, high = max(0, low), min(stretch.count, high + 1)
-            parts += [stretch.part(low, high)] if high - low >= SHORTEST else []
+            parts += [stretch.part(low, high)] if high - low >= MIN_STRETCH_SAMPLES else []
     return _restrict(sampling, parts)
 
 
 def select_stretches(sampling: Sampling, seconds: float) -> Sampling:
     """Select equally spaced stretches with a total duration [s]; a shorter recording is returned unchanged."""
     total = sum(stretch.count for stretch in sampling.stretches)
-    size = max(SHORTEST, round(seconds / sampling.period / COUNT))
+    size = max(MIN_STRETCH_SAMPLES, round(seconds / sampling.period / COUNT))
     if total <= COUNT * size:
         return sampling
     starts = np.linspace(0, total - size, COUNT).round().astype(int).tolist()
@@ -150,7 +150,7 @@ def select_stretches(sampling: Sampling, seconds: float) -> Sampling:
     for start in starts:
         for stretch, end in zip(sampling.stretches, ends.tolist(), strict=True):
             low, high = max(0, start + stretch.count - end), min(stretch.count, start + size + stretch.count - end)
-            parts += [stretch.part(low, high)] if high - low >= SHORTEST else []
+            parts += [stretch.part(low, high)] if high - low >= MIN_STRETCH_SAMPLES else []
     return _restrict(sampling, parts)
 
 
@@ -213,7 +213,7 @@ def at_content(sampling: Sampling, content: Content) -> Sampling:
     for stretch in sampling.stretches:
         row = (float(stretch.stamps[0]) - origin) / content.row
         offset, size = first_sample(content, row, stretch.kept)
-        if size >= SHORTEST and size * content.period >= BRIEFEST:
+        if size >= MIN_STRETCH_SAMPLES and size * content.period >= BRIEFEST:
             stamps = stretch.stamps[:1] + offset * content.row
             stretches.append(replace(stretch, stamps=stamps, size=size, first=0, count=size, row=row, offset=offset))
     if not stretches:
@@ -344,10 +344,10 @@ def find_content(read: Read, kept: int) -> Mapping[str, tuple[Knots | None, ...]
 
 def _confirmed(knots: Knots, name: str, joint: int, read: Read, kept: int) -> Knots | None:
     """Knots that hold in most blocks of a column of a stretch, with step and phase from all of them; None otherwise."""
-    length = ceil(max(SHORT, STEPS * knots.step))
+    length = ceil(max(MIN_BLOCK_ROWS, MIN_BLOCK_STEPS * knots.step))
     starts = np.unique(np.linspace(0, kept - length, min(BLOCKS, kept // length)).astype(int)).tolist()
     starts.sort(key=lambda k: abs(k - (kept - length) // 2))  # from the middle outwards
-    return same_knots(knots, [(k, getattr(read(k, k + length), name)[:, joint]) for k in starts], AGREE)
+    return same_knots(knots, [(k, getattr(read(k, k + length), name)[:, joint]) for k in starts], KNOT_BLOCKS_SHARE)
 
 
 def _shared(columns: Sequence[Knots | None]) -> tuple[Knots | None, ...]:

@@ -26,25 +26,25 @@ PARTS, PERIODS, REPEATED = 8, 8, 60.0
 WIDTH, FAINT = 8, 1e-3  # half width of a line [1/4 of the resolution]; least power at a rate over that of its multiples
 LOWEST = 0.01  # [1/rows] lowest frequency of a line
 HARMONICS = 8  # of the main frequency of a signal, lines at which are those of a periodic motion
-SLOW, MOTION = 0.1, 10.0  # [1/rows] frequency below which lines are those of the motion, unless they are stronger [1]
-FEWEST, MANY = 3, 5  # blocks in motion that must agree, for simple ratios of rates and for others
-STEADY, LATE = 0.3, 1.01  # [rows] range of the phases of interpolated and of held signals in all blocks
+MOTION_FREQUENCY, MOTION_RATIO = 0.1, 10.0  # [1/rows] below which lines are motion, unless they are stronger [1]
+SIMPLE_BLOCKS, OTHER_BLOCKS = 3, 5  # blocks in motion that must agree, for simple ratios of rates and for others
+INTERPOLATED_RANGE, HELD_RANGE = 0.3, 1.01  # [rows] range of phases of interpolated and of held signals in all blocks
 BLOCK = 480  # [rows] on which knots are tested
 LIMITED = 2.5  # [rows] half a step beyond which fits may be limited by the motion itself
-NEAR = 0.02  # [rows] distance at which a knot lies on a row
+ROW_OFFSET = 0.02  # [rows] distance at which a knot lies on a row
 MARGIN = 3  # [rows] between the ends of a fit and its first and last knot
 FIRST, PHASES = 3, 8  # phases of knots that are tried first, and where these differ
 FIT = 0.35  # [1] rms beside a spline with these knots, over that with the worst phase; white noise: above 0.8
 LIKELY, HOPEFUL = 0.9, 0.8  # [1] shares from which more phases are tried, and from which one is refined
-PRECISE, ROUGH, FAR = 0.0035, 0.2, 1.7  # [1] remaining shares of the interval of a phase; a value too far from a fit
+PRECISE, ROUGH, FIT_EXCESS = 0.0035, 0.2, 1.7  # [1] remaining shares of a phase's interval; misfit over FIT
 GOLDEN = (5**0.5 - 1) / 2
-COARSE = 0.5  # [quanta] least rms of displaced knots: counts at a steady speed are periodic (0.29)
+MIN_KNOT_QUANTA = 0.5  # [quanta] least rms of displaced knots: counts at a steady speed are periodic (0.29)
 NOTHING = 0.03  # [1] share below which a spline leaves nothing but the error of its phase
-ALIKE = 3.0  # [1] ratio of rms within which the fewer knots are preferred
+RMS_RATIO = 3.0  # [1] ratio of rms within which the fewer knots are preferred
 NORMAL = 1e-6  # [1] rms over the size of a signal from which on normal equations are exact enough
 ROUNDING = 1e-13  # [1] rounding errors of a fit, over the size of the signal
 OFF_TICK, ON_TICK = 0.01, 0.3  # [1] share of the changes between the ticks of a held signal; share of ticks with one
-SAME = 0.1  # [steps] drift over a block within which two steps are the same knots
+STEP_DRIFT = 0.1  # [steps] drift over a block within which two steps are the same knots
 SNAP, RATIO = 2e-3, 8  # [1] tolerance, and largest denominator of a simple ratio of rates that is tried
 
 
@@ -147,7 +147,7 @@ def _lines(x: Array, order: int) -> list[_Line]:
     power, background = _spectrum(y, n)
     whole = power.copy()
     power[: int(LOWEST * 4 * n)] = 0.0
-    power[: int(SLOW * 4 * n)] /= MOTION
+    power[: int(MOTION_FREQUENCY * 4 * n)] /= MOTION_RATIO
     found: list[_Line] = []
     for _ in range(LINES):
         k = int(np.argmax(power))
@@ -227,15 +227,15 @@ def _splines(x: Array, steps: Sequence[float]) -> list[Knots | None]:
     for kind, (_, multiple) in SPACES.items():
         for step in steps:
             if multiple == 1 or 2 / step < FULL:
-                failed = trials and trials[-1].knots.kind == kind and trials[-1].share.min() > FAR * FIT
-                if not (failed and BLOCK * abs(step - trials[-1].knots.step) < SAME * step**2):
+                failed = trials and trials[-1].knots.kind == kind and trials[-1].share.min() > FIT_EXCESS * FIT
+                if not (failed and BLOCK * abs(step - trials[-1].knots.step) < STEP_DRIFT * step**2):
                     trials.append(_trial(y, kind, step, first))
     found: list[Knots | None] = []
     dense = {trial.knots: SPACES[trial.knots.kind][1] / trial.knots.step for trial in trials}  # free numbers [1/rows]
     for j, size in enumerate(np.ptp(y, axis=0)):
-        coarse = COARSE * _quantum(y[:, j])
+        coarse = MIN_KNOT_QUANTA * _quantum(y[:, j])
         good = [trial for trial in trials if trial.share[j] < FIT and trial.rest[j] > coarse * trial.share[j]]
-        least = ALIKE * min((trial.rest[j] for trial in good), default=0.0) + ROUNDING * size
+        least = RMS_RATIO * min((trial.rest[j] for trial in good), default=0.0) + ROUNDING * size
         fit = [trial for trial in good if trial.rest[j] <= least or trial.share[j] < NOTHING]
         found.append(min(fit, key=lambda trial: (dense[trial.knots], trial.rest[j])).knots if fit else None)
     return found
@@ -270,7 +270,7 @@ def _trial(y: Array, kind: str, step: float, first: int) -> _Trial:
         if share(best) >= (LIKELY if len(rest) == FIRST else HOPEFUL):
             break
     else:
-        best = _least(share, best - step / PHASES, best + step / PHASES, best, FAR * FIT)
+        best = _least(share, best - step / PHASES, best + step / PHASES, best, FIT_EXCESS * FIT)
     return _Trial(Knots(kind, step, float((best + first) % step)), rest[best], rest[best] / worst)
 
 
@@ -320,17 +320,17 @@ def same_knots(knots: Knots, blocks: Sequence[tuple[int, Array]], agree: float) 
         elif moving - len(places) > (1 - agree) * len(blocks):
             return None
     simple = _is_simple(knots.step)
-    if moving < (FEWEST if simple else MANY) or len(places) < agree * moving:
+    if moving < (SIMPLE_BLOCKS if simple else OTHER_BLOCKS) or len(places) < agree * moving:
         return None
     numbers, at = np.transpose(places)
     late = at - (knots.step * numbers if simple else step * numbers + phase)
-    if np.ptp(late) > (LATE if knots.kind == HELD else STEADY):
+    if np.ptp(late) > (HELD_RANGE if knots.kind == HELD else INTERPOLATED_RANGE):
         return None
     if not simple:
         return Knots(knots.kind, step, phase % step)
     phase = float(late.min() if knots.kind == HELD else np.median(late))
     parts = Fraction(knots.step).limit_denominator(RATIO).denominator
-    if abs(phase - round(phase * parts) / parts) < NEAR:  # where the first rows coincide, some knots lie on rows
+    if abs(phase - round(phase * parts) / parts) < ROW_OFFSET:  # where the first rows coincide, some knots lie on rows
         phase = round(phase * parts) / parts
     return Knots(knots.kind, knots.step, phase % knots.step)
 
@@ -361,12 +361,12 @@ def _spline_shift(y: Array, knots: Knots) -> float | None:
     def rest(distance: float) -> float:
         return float(_rest(y, kind, step, (knots.phase + distance) % step)[0])
 
-    best = 0.0 if rest(0.0) <= NOTHING / 3 * wrong else _least(rest, -step / 6, step / 6, 0.0, FAR * FIT * wrong)
+    best = 0.0 if rest(0.0) <= NOTHING / 3 * wrong else _least(rest, -step / 6, step / 6, 0.0, FIT_EXCESS * FIT * wrong)
     least = rest(best)
     if least > FIT * wrong:
         return np.nan
     half = float(_rest(y, kind, step / 2, (knots.phase + best) % (step / 2))[0]) if step / 2 > LIMITED else least
-    return best if least <= ALIKE * half + max(ROUNDING * float(np.ptp(y)), NOTHING * wrong) else np.nan
+    return best if least <= RMS_RATIO * half + max(ROUNDING * float(np.ptp(y)), NOTHING * wrong) else np.nan
 
 
 def _rest(y: Array, kind: str, step: float, phase: float) -> Array:

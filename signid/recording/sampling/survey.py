@@ -23,13 +23,13 @@ NEEDED = ("t", "q", "tau")
 DERIVATIVES = ("dq", "ddq")
 ROUNDED = 0.02  # [1] resolution of stamps over the period, and part of a period, from which rounding matters
 ROUND = 6.2  # [rad] joints with a smaller range cannot wrap around
-FEWEST = 20  # minimum number of usable samples
-FAR, RANGES = 6.5, 2.0  # [rad], [ranges of motion] beyond the limits from which positions may be degrees
+MIN_USED_SAMPLES = 20  # minimum number of usable samples
+EXCESS, RANGES = 6.5, 2.0  # [rad], [ranges of motion] beyond the limits from which positions may be degrees
 SPIN, RACE = 60.0, 50.0  # [rad], [rad/s] beyond both, a joint without limits may be in degrees
 DEGREE = np.pi / 180
 MILLISECONDS, CRAWL = 0.5, 0.05  # [s], [rad/s] integer time steps this long with slower motion are milliseconds
 HUGE = 1e9  # [rad, m, N.m or N] implausible magnitude for any robot
-STILL = 1e-9  # [rad or m] smaller ranges count as no motion
+MIN_MOTION_RANGE = 1e-9  # [rad or m] smaller ranges count as no motion
 RADIANS = 'convert it to radians, or write [units] q = "deg", on two lines, into a column map (--columns)'
 
 
@@ -207,7 +207,7 @@ class Facts(NamedTuple):
     @property
     def moves(self) -> Array:
         """Whether each joint moved, (n,)."""
-        return np.asarray(self.accumulated.total.upper - self.accumulated.total.lower > STILL)
+        return np.asarray(self.accumulated.total.upper - self.accumulated.total.lower > MIN_MOTION_RANGE)
 
     @property
     def place(self) -> list[int]:
@@ -231,11 +231,11 @@ def faults(facts: Facts) -> Iterator[str]:
         share = f"{facts.repeated} of {rows} samples repeat the time of the sample before"
         yield f"{share}; write the time with more digits, or once for each sample"
     used = facts.accumulated.total.samples
-    if used < FEWEST:
-        least = f"at least {FEWEST} are needed, in stretches of half a second or more without a gap or a missing value"
+    if used < MIN_USED_SAMPLES:
+        least = f"{MIN_USED_SAMPLES} are needed, in stretches of half a second or more without a gap or a missing value"
         worst = max(facts.missing, key=lambda column: facts.missing[column], default="")
         lack = f", {facts.missing[worst]} lack {worst}" if facts.missing.get(worst) else ""
-        yield f"too short: only {used} of {rows} samples can be used{lack}; {least}"
+        yield f"too short: only {used} of {rows} samples can be used{lack}; at least {least}"
     if not facts.moves.any():
         constant = ", ".join(facts.recording.columns["q"])
         yield f"no joint moves: position is constant in {constant}; record the robot in motion"
@@ -256,7 +256,7 @@ def _degrees(facts: Facts) -> Iterator[str]:
         if np.isfinite(lower[j]) and np.isfinite(upper[j]):
             fits = low * DEGREE > lower[j] - 0.1 and high * DEGREE < upper[j] + 0.1
             beyond = max(high - upper[j], lower[j] - low)
-            if fits and beyond > FAR and (facts.speed[j] > fastest[j] or beyond > RANGES * (upper[j] - lower[j])):
+            if fits and beyond > EXCESS and (facts.speed[j] > fastest[j] or beyond > RANGES * (upper[j] - lower[j])):
                 yield f"{reach}, limits are {lower[j]:.4g} to {upper[j]:.4g} rad: it is in degrees; {advice}"
         elif not names[j].startswith(INTEGRAL) and high - low > SPIN and facts.speed[j] > RACE:
             yield f"{reach} at {facts.speed[j]:.4g} each second: it seems to be in degrees; {advice}"
