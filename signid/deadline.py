@@ -17,7 +17,7 @@ from threadpoolctl import ThreadpoolController
 
 from .errors import OptionError
 
-USUAL = 3600.0  # [s] default time limit of a verb
+DEFAULT_TIME_LIMIT = 3600.0  # [s] of a verb
 
 
 @dataclass
@@ -150,8 +150,8 @@ def ends_in_time(verb: Callable[_P, _R]) -> Callable[_P, _R]:
 
     @wraps(verb)
     def within(*args: _P.args, **kwargs: _P.kwargs) -> _R:
-        seconds = min((limit.seconds for limit in _LIMITS.get()), default=USUAL)
-        with one_thread(), _limited(USUAL if not _LIMITS.get() else float("inf")) as limit:
+        seconds = min((limit.seconds for limit in _LIMITS.get()), default=DEFAULT_TIME_LIMIT)
+        with one_thread(), _limited(DEFAULT_TIME_LIMIT if not _LIMITS.get() else float("inf")) as limit:
             result = verb(*args, **kwargs)
         if not (limit.ended or limit.stopped):
             return result

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import polars as pl
 
 DISPLAY = ".output.display"
-SHORT, FEW = 120, 4  # maximum number of characters of a value, and of items of a container, in a repr
+REPR_CHARACTERS, REPR_ITEMS = 120, 4  # maximum number of characters of a value, and of items of a container, in a repr
 
 
 class Frozen:
@@ -92,8 +92,8 @@ class _Brief(Repr):
 
     def __init__(self) -> None:
         super().__init__()
-        self.maxstring = self.maxother = SHORT
-        self.maxtuple = self.maxlist = self.maxdict = FEW
+        self.maxstring = self.maxother = REPR_CHARACTERS
+        self.maxtuple = self.maxlist = self.maxdict = REPR_ITEMS
 
     def repr1(self, x: Any, level: int) -> str:
         """Repr of a value, nested up to `level`."""
@@ -101,7 +101,7 @@ class _Brief(Repr):
 
     def repr_ndarray(self, x: Any, level: int) -> str:
         """Numbers of a short vector, else the shape."""
-        short = x.ndim == 1 and x.size <= 2 * FEW
+        short = x.ndim == 1 and x.size <= 2 * REPR_ITEMS
         return np.array2string(x, precision=4, max_line_width=10_000) if short else f"<array {x.shape}>"
 
 

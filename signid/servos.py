@@ -36,7 +36,7 @@ KD_ON = ("velocity", "error")
 # numbers of a drive that are laws of its joint, of the same name
 PASSIVE = ("armature", "viscous_friction", "coulomb_friction", "torque_offset")
 WORDS: Mapping[str, Sequence[str]] = {"law": DRIVE_LAWS, "kd_on": KD_ON}
-SMALLEST, LARGEST = 1e-9, 1e7  # [unit of the number] least that is not zero, and largest; of the drives of robots
+MIN_OF_DRIVE, MAX_OF_DRIVE = 1e-9, 1e7  # [unit of the number] least that is not zero, and largest; of robots
 LIMITS = ("effort_limit", "speed_limit", "profile_speed")  # numbers that cannot be zero; infinite: no limit
 LONGEST_DELAY = 10.0  # [s]; the buses of robots need less than 0.3 s
 
@@ -219,10 +219,10 @@ def number_fault(name: str, value: float, positive: bool = False) -> str:
     if name == "delay":
         return "" if 0 <= value <= LONGEST_DELAY else f"expected a delay from 0 to {LONGEST_DELAY:g} s"
     if name == "torque_offset":
-        return "" if abs(value) <= LARGEST else f"expected a number from {-LARGEST:g} to {LARGEST:g}"
-    if positive and not SMALLEST <= value <= LARGEST:
-        return f"expected a positive number from {SMALLEST:g} to {LARGEST:g}"
-    return "" if 0 <= value <= LARGEST else f"expected zero or a positive number up to {LARGEST:g}"
+        return "" if abs(value) <= MAX_OF_DRIVE else f"expected a number from {-MAX_OF_DRIVE:g} to {MAX_OF_DRIVE:g}"
+    if positive and not MIN_OF_DRIVE <= value <= MAX_OF_DRIVE:
+        return f"expected a positive number from {MIN_OF_DRIVE:g} to {MAX_OF_DRIVE:g}"
+    return "" if 0 <= value <= MAX_OF_DRIVE else f"expected zero or a positive number up to {MAX_OF_DRIVE:g}"
 
 
 def servos_document(servos: Mapping[str, Servo], joints: Sequence[str]) -> dict[str, dict[str, Any]]:

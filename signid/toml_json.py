@@ -10,7 +10,7 @@ from typing import Any
 
 SCHEMAS = Path(__file__).parent / "output" / "schema"
 LARGEST_FILE = 200_000_000  # [bytes]
-LARGEST = 1e12  # magnitude of a number; no robot has a larger one in SI units
+MAX_PARSED_NUMBER = 1e12  # magnitude of a number; no robot has a larger one in SI units
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:
@@ -47,8 +47,8 @@ def check_numbers(content: Any) -> None:
         ValueError: one is not; the message says where.
     """
     for place, number in _numbers(content, ""):
-        if not -LARGEST <= number <= LARGEST:
-            raise ValueError(f"{place[1:]}: expected a finite number up to {LARGEST:.0e}")
+        if not -MAX_PARSED_NUMBER <= number <= MAX_PARSED_NUMBER:
+            raise ValueError(f"{place[1:]}: expected a finite number up to {MAX_PARSED_NUMBER:.0e}")
 
 
 def _numbers(content: Any, place: str) -> Iterator[tuple[str, float]]:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from ..errors import OptionError, shorten
 from ..robot.joints import find_joint
-from ..servos import LARGEST, LIMITS, PASSIVE, SERVO_NUMBERS, SERVO_UNITS, SMALLEST, Servo, number_fault
+from ..servos import LIMITS, MAX_OF_DRIVE, MIN_OF_DRIVE, PASSIVE, SERVO_NUMBERS, SERVO_UNITS, Servo, number_fault
 from ..types import Robot
 
 KNOWN = ("masses", "kp", "nothing")
@@ -202,7 +202,7 @@ def _prior(entry: _Entry) -> Prior:
     mean, std = _pair(entry, PLUS_MINUS)
     if fault := number_fault(entry.number, mean, entry.number in POSITIVE):
         raise entry.wrong(f"{fault} as the mean")
-    if not SMALLEST <= std <= LARGEST:
+    if not MIN_OF_DRIVE <= std <= MAX_OF_DRIVE:
         raise entry.wrong("expected a positive standard deviation after +-")
     return Prior(mean, std)
 

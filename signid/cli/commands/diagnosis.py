@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ...deadline import USUAL, time_limit
+from ...deadline import DEFAULT_TIME_LIMIT, time_limit
 from ...errors import OptionError, RecordingError, RobotError, readable
 from ..app import Text, Texts, command, complete_law, complete_robot, option, output_option
 from ..arguments import given_command, given_model, given_recordings, has_drives, simulation_inputs, under_gravity
@@ -57,7 +57,7 @@ class DiagnoseOptions:
     servo: bool = option(False, "Diagnose position drives even if torque is recorded.", "--servo")
     rrd: Rrd = None
     mcap: Mcap = None
-    time_limit: TimeLimit = USUAL
+    time_limit: TimeLimit = DEFAULT_TIME_LIMIT
 
 
 @command("signid diagnose 3r recording.csv -o diagnosis")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from ...deadline import USUAL, time_limit
+from ...deadline import DEFAULT_TIME_LIMIT, time_limit
 from ...errors import OptionError
 from ..app import Text, Texts, command, option, output_option
 from ..arguments import given_effects, given_model, simulation_inputs
@@ -40,7 +40,7 @@ class ExciteOptions:
     clearance: float = option(0.01, "Minimum distance between links [m].", metavar="M")
     rate: float = option(100.0, "Sampling rate of the file [Hz].", metavar="HZ")
     effects: Effects = None
-    time_limit: TimeLimit = USUAL
+    time_limit: TimeLimit = DEFAULT_TIME_LIMIT
 
 
 @command("signid excite 3r --duration 10 -o motion.csv")

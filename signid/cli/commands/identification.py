@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ...deadline import USUAL, time_limit
+from ...deadline import DEFAULT_TIME_LIMIT, time_limit
 from ...errors import InputError, OptionError, RecordingError, readable
 from ..app import Text, Texts, command, option, output_option
 from ..arguments import (
@@ -169,7 +169,7 @@ class IdentifyOptions:
         metavar="HOW",
     )
     total_mass: Text = option(None, "Range of the total mass [kg], for pbrp. Default: any.", metavar="LO,HI")
-    time_limit: TimeLimit = USUAL
+    time_limit: TimeLimit = DEFAULT_TIME_LIMIT
 
 
 SHARED_OPTIONS = "output held_out columns effects method unsigned joints servo known json".split()

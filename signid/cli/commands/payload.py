@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...deadline import USUAL, time_limit
+from ...deadline import DEFAULT_TIME_LIMIT, time_limit
 from ...errors import OptionError
 from ..app import Text, Texts, command, option, output_option
 from ..arguments import given_model, given_options, given_recordings, given_robot, simulation_inputs, under_gravity
@@ -19,7 +19,7 @@ class PayloadOptions:
 
     without: Texts = option(None, "Recording without the load. Repeatable.", metavar="RECORDING")
     carrying: Texts = option(None, "Recording with the load. Repeatable.", "--with", metavar="RECORDING")
-    time_limit: TimeLimit = USUAL
+    time_limit: TimeLimit = DEFAULT_TIME_LIMIT
     output: Text = output_option("Folder of payload.json and model.json, with the load. Default: none.")
 
 
