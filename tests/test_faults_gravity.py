@@ -90,7 +90,9 @@ def test_gravity_is_named_in_words_with_the_option_that_states_it(gravity: tuple
     assert MOUNTED[gravity].format(root="base_link") in flag
     [fault] = [fault for fault in seen(gravity).faults.findings if fault.kind == "gravity"]
     assert [fault.measures[key] for key in "xyz"] == pytest.approx(gravity, abs=0.2)
-    assert "--gravity " in flag and not [f for f in seen(gravity).faults.findings if f.kind in ("clock", "torque sign")]
+    assert "state it with gravity=(" in flag and not [
+        f for f in seen(gravity).faults.findings if f.kind in ("clock", "torque sign")
+    ]
 
 
 def test_the_right_gravity_is_no_flag_and_a_wrong_one_is_put_right() -> None:
@@ -101,7 +103,7 @@ def test_the_right_gravity_is_no_flag_and_a_wrong_one_is_put_right() -> None:
     [flag] = gravity_flags(check(wall, moved(robot, upright)))
     assert "gravity acts along -z of base_link (0, 0, -9.81): the robot stands upright;" in flag
     [flag] = gravity_flags(check(signid.load_robot("3r", gravity=(0, 0, 0)), moved(robot, upright)))
-    assert "--gravity 0,0,-9.81" in flag
+    assert "gravity=(0,0,-9.81)" in flag
 
 
 @pytest.mark.slow_cases("-1$")

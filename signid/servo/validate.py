@@ -24,7 +24,7 @@ from .identify.result import ServoRollOut, ServoTrace
 from .plant import servo_grids
 from .simulate import registered
 
-LARGEST = 1e4  # commanded position [rad or m]
+MAX_Q_DES = 10_000  # commanded position [rad or m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,8 +121,8 @@ def need_commands(recordings: Sequence[Recording], moving: bool = False) -> None
         on = None if samples.servo is None else samples.servo.on
         if on is not None and not (np.nan_to_num(on[:, commanded], nan=1.0) > 0).any():
             raise RecordingError(f"{name} has the drives off in all rows (on_J is 0); record with the drives on")
-        if np.nanmax(np.abs(samples.q_des)) > LARGEST:
-            raise RecordingError(f"{name} has commanded positions beyond {LARGEST:g} rad or m; check units of q_des_J")
+        if np.nanmax(np.abs(samples.q_des)) > MAX_Q_DES:
+            raise RecordingError(f"{name} has commanded positions beyond {MAX_Q_DES} rad or m; check units of q_des_J")
     if moving and not any(_changes(recording) for recording in recordings):
         names = shorten([recording.path or "a recording" for recording in recordings])
         raise RecordingError(

@@ -19,13 +19,13 @@ from .search import LEAST_GAIN, PAYLOAD, THRESHOLD, GroupSearch, Setting, Step
 
 Found = Sequence[tuple[tuple[int, ...], GroupSearch, ClosedLoop]]
 MAIN = 0.1  # [1] of the explained sum of squares, from which a law is a cause
-LEFT = 2.0  # [1] rms over noise, from which a mismatch is unexplained
+UNEXPLAINED_RATIO = 2.0  # [1] rms over noise, from which a mismatch is unexplained
 VISIBLE = 0.02  # [1] rms over that of the tracking error, below which a mismatch does not matter
-WORSE = 0.5  # [1] factor on the probability of a law that leaves most, or predicts held-out windows worse
-LOST = 0.02  # [1] growth of the held-out sum of squares by a law that is flagged
+POOR_LAW_FACTOR = 0.5  # [1] factor on the probability of a law that leaves most, or predicts held-out windows worse
+MAX_HELD_OUT_GROWTH = 0.02  # [1] growth of the held-out sum of squares by a law that is flagged
 MOST_LEFT = 0.5  # [1] rms after over rms before, above which what was found cannot be sure
-SHOWN = 1e-3  # probability below which an alternative is not listed
-CLOSE = 0.25  # probability of an alternative from which the result is flagged
+MIN_LISTED_PROBABILITY = 1e-3  # probability below which an alternative is not listed
+RIVAL_PROBABILITY = 0.25  # probability of an alternative from which the result is flagged
 LIKELY = "commands near the natural frequency of the loop, and steps that saturate the drive"
 BODY_UNITS = {"mass": "kg"}
 BINS = 9
@@ -87,7 +87,7 @@ def _findings(
             effect=step.law.effect,
             joint=joint,
             role="cause" if k == 0 or weight > MAIN else "secondary",
-            probability=step.probability * (1.0 if new < old and not poor else WORSE),
+            probability=step.probability * (1.0 if new < old and not poor else POOR_LAW_FACTOR),
             parameters=_numbers(one, step),
             meaning=step.law.meaning,
             share={data.joints[j]: float(x) for j, x in zip(joints, shares, strict=True) if x > 0.01},
@@ -104,7 +104,7 @@ def _poor(one: GroupSearch, noise: Array) -> tuple[int, float] | None:
     """Worst joint of the group if most of its mismatch remains after laws were added, and the share of its rms [1]."""
     before, after = (_rms(x.squares, one.setting.loop) for x in (one.base, one.last))
     j = int(np.argmax(before / noise))
-    poor = one.steps and after[j] > LEFT * noise[j] and after[j] > MOST_LEFT * before[j]
+    poor = one.steps and after[j] > UNEXPLAINED_RATIO * noise[j] and after[j] > MOST_LEFT * before[j]
     return (j, float(after[j] / before[j])) if poor else None
 
 
@@ -141,10 +141,10 @@ def _alternatives(data: ServoData, joints: Sequence[int], step: Step) -> Iterato
     for law, j, probability in step.rivals:
         joint = data.joints[joints[j]]
         twin = twins.get(law.effect) if joint == here else None
-        if probability >= SHOWN or twin:
+        if probability >= MIN_LISTED_PROBABILITY or twin:
             listed.add((law.effect, joint))
             motion = twin.separating_motion if twin else LIKELY
-            yield ServoAlternative(law.effect, joint, max(probability, SHOWN), motion)
+            yield ServoAlternative(law.effect, joint, max(probability, MIN_LISTED_PROBABILITY), motion)
     for twin in step.law.twins:
         if (twin.effect, here) not in listed:
             share = step.probability * twin.ratio / (1 + twin.ratio)
@@ -161,7 +161,7 @@ def _unexplained(
         residual = setting.remaining([one.last.where])[0]
         after, tracking = np.sqrt(np.mean(residual**2, axis=(0, 1))), _tracking(loop)
         for k, j in enumerate(joints):
-            if k not in listed and after[k] > LEFT * noise[j] and after[k] > VISIBLE * tracking[k]:
+            if k not in listed and after[k] > UNEXPLAINED_RATIO * noise[j] and after[k] > VISIBLE * tracking[k]:
                 listed.add(k)
                 share = float(after[k] / max(before[k], 1e-12))
                 variable = depends_on(loop, residual, k)
@@ -180,14 +180,14 @@ def _tried(one: GroupSearch, joint: int) -> dict[str, float]:
 
 def _flags(findings: Sequence[ServoFinding]) -> Iterator[str]:
     for finding in findings:
-        if finding.held_out_gain < -LOST:
+        if finding.held_out_gain < -MAX_HELD_OUT_GROWTH:
             yield (
                 f"{finding.effect} at {finding.joint} predicts held-out motion worse than the simulation without it; "
                 f"do not rely on it"
             )
         if finding.role == "cause":
             for rival in finding.alternatives:
-                if rival.probability >= CLOSE:
+                if rival.probability >= RIVAL_PROBABILITY:
                     yield (
                         f"{finding.effect} and {rival.effect} of {rival.joint} fit these recordings equally well, or "
                         f"nearly; {rival.separating_motion}"

@@ -33,17 +33,17 @@ from .search import GroupSearch, search
 
 WINDOW = 0.8  # [s] of the closed loops; longer ones hardly add information, and the cost becomes rough
 MOST_WINDOWS = 60  # windows that are searched, spread over the recordings
-WORSE = 1.15  # [1] growth of the rms error over whole recordings that is flagged
+FLAGGED_RMS_GROWTH = 1.15  # [1] growth of the rms error over whole recordings that is flagged
 DEAD = 0.05  # [1] of the stated gain, below which a drive counts as off
-SHORTEST = 1.0  # [s] shortest stretch of equal commands
-EQUAL = 1e-3  # [1] of the range of a command, up to which two values are equal
+MIN_REPEAT_SECONDS = 1.0  # [s] shortest stretch of equal commands
+COMMAND_TOLERANCE = 1e-3  # [1] of the range of a command, up to which two values are equal
 MOVING = 0.05  # [1] of its range, by which a command changes within a window
 HISTORY = 0.3  # [s] of equal commands before a comparison, unless both recordings begin: longest delay of a drive
 BASE = 0.04  # [s] to both sides of a row, over which its speed is measured
 LIKE = 4.0  # [1] times noise, within which positions are equal
 FADE = 0.1  # [s] in which a difference of speeds fades: as a position, it is within LIKE, too
 COMPARED = 0.5  # [s] shortest comparison
-MOST = 8  # later repeats of one window that are compared with it
+MAX_LATER_REPEATS = 8  # later repeats of one window that are compared with it
 
 
 @typed
@@ -180,7 +180,7 @@ def _repeats(model: Model, data: ServoData, noise: Array) -> ServoRepeats | None
 def _worse(before: ServoRollOut, after: ServoRollOut) -> Iterator[str]:
     """Sentences on joints whose whole held-out recordings the extended simulation predicts worse."""
     for joint, unit, old, new in zip(after.joints, after.units, before.whole_rms, after.whole_rms, strict=True):
-        if new > WORSE * old:
+        if new > FLAGGED_RMS_GROWTH * old:
             yield (
                 f"{joint}: over whole held-out recordings, the rms error grows from {old:.3g} to {new:.3g} {unit} with "
                 f"what was found; it explains short motions only"
@@ -224,18 +224,18 @@ def servo_repeats(
 
 
 def repeated(grids: Sequence[ServoGrid], driven: Sequence[int]) -> list[Pair]:
-    """Stretches of at least SHORTEST whose commands are equal and change, each with its later repeats."""
+    """Stretches of at least MIN_REPEAT_SECONDS whose commands are equal and change, each with its later repeats."""
     inputs = [_inputs(grid, driven) for grid in grids]
     size = np.max([np.max(x, axis=0) for x in inputs], axis=0) - np.min([np.min(x, axis=0) for x in inputs], axis=0)
-    tolerance = EQUAL * size + 1e-9
-    length = round(SHORTEST * grids[0].rate)
+    tolerance = COMMAND_TOLERANCE * size + 1e-9
+    length = round(MIN_REPEAT_SECONDS * grids[0].rate)
     found: list[Pair] = []
     for a, x in enumerate(inputs):
         for i in range(0, len(x) - length + 1, length):
             if not np.any(np.ptp(x[i : i + length, : len(driven)], axis=0) > MOVING * size[: len(driven)] + 1e-9):
                 continue
             for k, (b, j) in enumerate(_places(inputs, grids, a, i, length, tolerance)):
-                if k >= MOST:
+                if k >= MAX_LATER_REPEATS:
                     break
                 if not any(p.a == a and p.b == b and p.j - p.i == j - i and p.i <= i < p.i + p.rows for p in found):
                     found.append(_grown(inputs, Pair(a, i, b, j, length), tolerance))

@@ -17,15 +17,15 @@ from ..fit.solve import damped
 from .closed_loop import ClosedLoop
 from .hypotheses import HYPOTHESES, DriveHypothesis
 
-MOST = 3  # laws that are added to one group
+MAX_GROUP_LAWS = 3  # laws that are added to one group
 POLISHED, REFINED = 24, 8  # hypotheses that get a second iteration, and that are fitted, in each step
 THRESHOLD = 5.0  # log posterior odds that a law needs. Heuristic
-EQUAL = 0.5  # log odds, within which the law that is listed first stands for its twins
+TWIN_LOG_ODDS = 0.5  # log odds, within which the law that is listed first stands for its twins
 CLUSTERED = 3.0  # [1] improvement over its standard error across windows that a law needs
 FORMS = ("speed_limit", "duty_limit", "effort_limit", "dead_band", "profile_limit", "load_friction", "voltage_droop")
 ROUNDS = 8  # iterations of fits with all numbers of a drive
 LEAST_GAIN = 0.02  # [1] share of the squared residual that a law explains, at least
-MOSTLY, FEW = 0.5, 1.5  # [1] share of a joint's squared residual, windows: what rare events such as limits explain
+RARE_SHARE, RARE_WINDOWS = 0.5, 1.5  # [1] of a joint's squared residual; windows: what rare events as limits explain
 FLOOR = 1.15  # [1] mean square over that of noise, below which nothing is missing
 SUSPECT = 0.03  # [1] of the largest excess of a joint over noise: joints with less are not searched. Heuristic
 PAYLOAD = DriveHypothesis(
@@ -33,9 +33,9 @@ PAYLOAD = DriveHypothesis(
 )
 LISTED = [*(law.effect for law in HYPOTHESES), PAYLOAD.effect]
 DAMPINGS = (1e-9, 0.3, 3.0, 30.0)  # [1] of Levenberg and Marquardt, tried together
-WIDE = 2.0  # differences over those of an identification: the cost is rougher far from the optimum
+DIFFERENCE_FACTOR = 2.0  # differences over those of an identification: the cost is rougher far from the optimum
 PER_WINDOW = 10  # samples of a window that count as independent, at most. Heuristic
-SLACK = 1.0  # log odds that differences across windows always allow. Heuristic
+ALLOWED_LOG_ODDS = 1.0  # log odds that differences across windows always allow. Heuristic
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ def search(loop: ClosedLoop, point: Coordinates, floor: Array, skip: Sequence[st
     base = last = replace(base, squares=setting.evaluate([point])[0])
     laws = [law for law in HYPOTHESES if law.effect not in skip]
     steps, tried = list[Step](), list[tuple[str, int, float]]()
-    while len(steps) < MOST and not at_floor(setting, last, floor):
+    while len(steps) < MAX_GROUP_LAWS and not at_floor(setting, last, floor):
         offers = offered(setting, last, laws, floor, "payload" not in skip)
         step = choose(setting, last, offers, floor)
         tried = rejected(last, offers) if step is None else []
@@ -179,7 +179,7 @@ def choose(setting: Setting, last: Attempt, offers: Sequence[Offer], floor: Arra
     usable = [o for o in offers if significant(setting, last, o, floor)]
     while usable:
         top = usable[0].evidence
-        best = min((o for o in usable if o.evidence > top - EQUAL), key=lambda o: LISTED.index(o.law.effect))
+        best = min((o for o in usable if o.evidence > top - TWIN_LOG_ODDS), key=lambda o: LISTED.index(o.law.effect))
         if beyond_interval(setting, last, best):
             break
         usable = [o for o in usable if o is not best]
@@ -210,8 +210,8 @@ def significant(setting: Setting, last: Attempt, offer: Offer, floor: Array) -> 
     worst = int(np.argmax(np.sum(change, axis=0) / floor**2))
     own = change[:, worst]
     most = float(np.sum(own) / np.sum(last.squares[:, worst]))
-    windows = float(np.sum(np.abs(own)) ** 2 / (np.sum(own**2) + 1e-300))  # effective number with an improvement
-    return bool(np.sum(gain) > CLUSTERED * error and share > LEAST_GAIN) or bool(most > MOSTLY and windows > FEW)
+    count = float(np.sum(np.abs(own)) ** 2 / (np.sum(own**2) + 1e-300))  # effective windows with an improvement
+    return bool((gain.sum() > CLUSTERED * error and share > LEAST_GAIN) or (most > RARE_SHARE and count > RARE_WINDOWS))
 
 
 def beyond_interval(setting: Setting, last: Attempt, offer: Offer) -> bool:
@@ -352,7 +352,7 @@ def _step(setting: Setting, trials: Sequence[Attempt]) -> list[Attempt]:
 
 def _normals(setting: Setting, wheres: Sequence[Coordinates]) -> list[Normal]:
     """Normal equations of several hypotheses, simulated in one batch."""
-    each = [nearby(where, where.values, WIDE, central=True) for where in wheres]
+    each = [nearby(where, where.values, DIFFERENCE_FACTOR, central=True) for where in wheres]
     points = [where.at(values) for where, one in zip(wheres, each, strict=True) for values in one.values]
     left, out, place = setting.loop.residuals(points) / setting.sigma, list[Normal](), 0
     for where, one in zip(wheres, each, strict=True):
@@ -393,7 +393,7 @@ def limited(odds: float, prior: float, difference: Array) -> float:
     """
     error = float(np.std(difference)) * np.sqrt(len(difference)) + 1e-300
     z = max(float(np.sum(difference)) / error, 0.0)
-    return float(max(prior + min(odds, 0.5 * z * z + SLACK), 0.0))
+    return float(max(prior + min(odds, 0.5 * z * z + ALLOWED_LOG_ODDS), 0.0))
 
 
 def mean_sigma(setting: Setting, trial: Attempt, floor: Array) -> Array:

@@ -12,14 +12,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...servos import LOOP_NUMBERS, MAX_NUMBER as PLAUSIBLE, Servo, ServoGrid
+from ...servos import LOOP_NUMBERS, MAX_NUMBER, Servo, ServoGrid
 from ...types import Array, Mask
 from ..given import Bounds, Prior
 from ..plant.course import Copies, Moved, copies_of
 
 SCALED = ("kp", "kd", "viscous_friction", "coulomb_friction", "armature", "torque_offset", "effort_limit", "gear_level")
 BODY = ("mass", "first_moment_x", "first_moment_y", "first_moment_z")  # numbers of a body [kg, kg.m]
-LARGEST = 100.0  # number over its typical size
+MAX_TYPICAL_RATIO = 100.0  # number over its typical size
 SPREAD = 1.5  # standard deviation of the logarithm of a kp over its usual size: a scale that nothing sets stays
 CENTRE = 0.1  # [m] standard deviation of the centre of a body about the last link
 DIFFERENCE = 0.01  # difference over the number
@@ -34,7 +34,7 @@ class Kind(NamedTuple):
     low: float = 0.0  # lower bound
     longest: float | None = 1.0  # largest step of the coordinate [1, or unit of the number]; None: its typical size
     difference: float = 0.003  # smallest difference
-    high: float = LARGEST  # upper bound
+    high: float = MAX_TYPICAL_RATIO  # upper bound
 
 
 POSITIVE = Kind(soft=0.0, low=1e-6)
@@ -97,7 +97,7 @@ class Slot:
     @property
     def high(self) -> float:
         """Upper bound of the coordinate: without it an unidentifiable scale could run away."""
-        high = min(self.kind.high * self.typical * self.scale, PLAUSIBLE) if self.kind.logarithmic else np.inf
+        high = min(self.kind.high * self.typical * self.scale, MAX_NUMBER) if self.kind.logarithmic else np.inf
         high = high if self.bounds is None else self.bounds.high
         return float(np.log(high + self.soft)) if self.kind.logarithmic else high
 

@@ -15,8 +15,8 @@ from ...servos import LOOP_NUMBERS, Servo, ServoGrid
 from ...types import Array, Mask, Robot
 from ..given import OWN, Assumptions, Name, unions
 from ..plant.course import (
-    COARSE,
-    LONGEST,
+    FIT_SUBSTEP,
+    SEARCH_SUBSTEP,
     RobotCourse,
     bodies_of,
     course,
@@ -67,7 +67,7 @@ class ServoFit(Frozen):
 
 
 AGAIN = 8  # most steps about the simulated motion
-FINE = 0.002  # [s] of the rows that a fit about the simulated motion is linear in
+LINEAR_STEP = 0.002  # [s] of the rows that a fit about the simulated motion is linear in
 
 
 def fit_servos(
@@ -195,7 +195,7 @@ def _fit_group(
     bounds = {(names.index(j), number): x for (j, number), x in assumed.bounds.items() if j in names}
     where = Coordinates(drives, slots(free, sizes, same, usual, priors, bounds))
     recorded, about = ([part(one, joints) for one in some] for some in (task.courses, task.about))
-    longest = COARSE if task.coarse else LONGEST
+    longest = SEARCH_SUBSTEP if task.coarse else FIT_SUBSTEP
     windows = windows_of(task.grids, joints, drives, recorded, task.places, about, longest=longest)
     windows = windows.apart(branches) if len(branches) > 1 else windows
     point = before.solved.point if before else FitPoint(where.start, windows.q0, windows.v0)
@@ -206,7 +206,7 @@ def _fit_group(
 def _about(task: _Task, joints: Sequence[tuple[int, ...]], fits: Sequence[_Group]) -> tuple[RobotCourse, ...]:
     """Courses along the simulated motions, on finer rows."""
     rate = task.grids[0].rate
-    finer = int(np.ceil(1 / (FINE * rate) - 1e-9))
+    finer = int(np.ceil(1 / (LINEAR_STEP * rate) - 1e-9))
     motions = [refined(along.motion.q, rate, finer) for along in task.courses]
     if single(task.robot):  # linear about any motion
         return tuple(course(task.robot, motion) for motion in motions)

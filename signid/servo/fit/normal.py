@@ -15,12 +15,12 @@ from .windows import MOST_VALUES, FitWindows, shoot
 STATE = (2e-3, 0.3)  # prior of an initial state about the smoothed one: [rad or m], [rad/s or m/s]
 NUDGE = (1e-4, 1e-2)  # differences of initial states
 SHARES = (1.0, 0.3, 0.0)  # of the step of a window's state that are tried
-LOST = 0.4  # windows that each fitted number takes from the sandwich
+WINDOWS_PER_NUMBER = 0.4  # windows that each fitted number takes from the sandwich
 NEIGHBOURS = 3  # windows apart that may be correlated
 BLOCKS = 6  # of the windows of a recording: of some seconds, since windows a few apart are correlated (Go2)
 LEAST_REST = 0.25  # share of the windows of a recording that its numbers leave, below which it is not judged alone
 DEPENDENT = 0.01  # probability by chance of a variance between blocks, below which the windows are not independent
-LEAST = 1e-24  # variance over the widest one, below which it counts as this
+MIN_ROBUST_VARIANCE = 1e-24  # variance over the widest one, below which it counts as this
 NOTHING = 1e-12  # influence over the largest one, below which a number is not identifiable
 WEAK = 1e-12  # relative eigenvalue of the information below which a direction is not identifiable
 
@@ -235,11 +235,11 @@ def covariance(information: Array, scores: Array, prior: Array | None = None) ->
     out, count = np.diag(np.where(seen, 0.0, np.inf)), int(seen.sum())
     if not count:
         return out
-    factor = windows / max(windows - LOST * count, windows / 4)
+    factor = windows / max(windows - WINDOWS_PER_NUMBER * count, windows / 4)
     meat = [factor * _meat(scores, k) for k in (0, min(NEIGHBOURS, windows // (2 * NEIGHBOURS)))]
     robust = [inverse @ (one + prior) @ inverse for one in meat]
     widest = np.max([np.diag(one) for one in (*robust, inverse)], axis=0)
-    wider = np.sqrt(widest / np.maximum(np.diag(robust[0]), np.maximum(LEAST * widest, 1e-300)))
+    wider = np.sqrt(widest / np.maximum(np.diag(robust[0]), np.maximum(MIN_ROBUST_VARIANCE * widest, 1e-300)))
     return np.asarray(out + robust[0] * np.outer(wider, wider))
 
 
@@ -276,7 +276,7 @@ def certainty(at: Normal, recording: Indices, prior: Array, ratios: Array) -> Ce
         ratio, free = jackknife_variance(x, right, inner, len(inner)) / known, len(blocks) - len(own)
         few = (t.ppf(0.975, len(blocks) - 1) / TWO_SIDED) ** 2
         wider = np.where(chi2.sf(free * ratio / few, free) < DEPENDENT, np.maximum(ratio, 1.0), 1.0)
-    lost = LOST * len(inner)  # windows of each recording
+    lost = WINDOWS_PER_NUMBER * len(inner)  # windows of each recording
     alone = np.array([np.diag(_inverse(x + inner)) for x in parts]) / np.maximum(np.diag(whole), 1e-300)
     alone = np.where(alone > 0, alone, np.inf) * known * wider * max(len(moved) - lost, len(moved) / 4) / len(moved)
     rest = np.array([max(len(some) - lost, 0.0) / len(some) for some in own])

@@ -14,10 +14,10 @@ from .coordinates import Coordinates
 from .normal import FitPoint, Normal, cost, covariance, normal, residuals, settle, slopes_at
 from .windows import FitWindows
 
-FAR = 0.05  # relative gain of the cost below which differences become central
-COARSE, TOLERANCE = 1e-3, 1e-5  # relative gain of the cost below which differences widen, or the fit ends
+CENTRAL_GAIN = 0.05  # relative gain of the cost below which differences become central
+WIDENING_GAIN, TOLERANCE = 1e-3, 1e-5  # relative gain of the cost below which differences widen, or the fit ends
 WIDER = (1.0, 4.0)  # differences that are tried one after another
-FIRST, LEAST, WORSE, BETTER, TRIALS = 1e-2, 1e-7, 6.0, 0.1, 6  # damping
+FIRST_DAMPING, MIN_DAMPING, DAMPING_RISE, DAMPING_FALL, DAMPING_TRIALS = 1e-2, 1e-7, 6.0, 0.1, 6  # [1]
 SMALLEST_NOISE = 1e-5  # [rad or m]
 WEAK = 0.2  # standard deviation of kp over kp from which other scales are tried
 FACTORS = (10.0, 0.1)
@@ -51,7 +51,7 @@ def solve(windows: FitWindows, where: Coordinates, point: FitPoint, iterations: 
 
     iterations: most times that derivatives are computed.
     """
-    damping, steps, wide, central = FIRST, 0, 0, False
+    damping, steps, wide, central = FIRST_DAMPING, 0, 0, False
     last, slopes = 1 if coarse else len(WIDER), None
     residual = residuals(windows, where, point)
     noise = noise_of(residual[windows.inside], robust=True)
@@ -63,7 +63,7 @@ def solve(windows: FitWindows, where: Coordinates, point: FitPoint, iterations: 
         here = normal(windows, slopes, residual, point, noise)
         now = cost(windows, residual, point, noise) + where.prior_cost(point.values)
         then, tried = np.inf, damping
-        for _ in range(1 if known else TRIALS):
+        for _ in range(1 if known else DAMPING_TRIALS):
             values = damped(where, here, point.values, tried)
             if np.isfinite(values).all():
                 state = here.state + np.einsum("wps,p->ws", here.across, values - point.values)
@@ -72,18 +72,18 @@ def solve(windows: FitWindows, where: Coordinates, point: FitPoint, iterations: 
                 then = cost(windows, left, new, noise) + where.prior_cost(values)
             if np.isfinite(then) and then < now:
                 break
-            tried *= WORSE
-        small = not then < now * (1 - (COARSE if coarse or wide + 1 < len(WIDER) else TOLERANCE))
-        far = then < now * (1 - FAR)
+            tried *= DAMPING_RISE
+        small = not then < now * (1 - (WIDENING_GAIN if coarse or wide + 1 < len(WIDER) else TOLERANCE))
+        far = then < now * (1 - CENTRAL_GAIN)
         if then < now:
             point, residual, steps = new, left, steps + 1
-            damping = max(tried * BETTER, LEAST)
+            damping = max(tried * DAMPING_FALL, MIN_DAMPING)
             noise = noise_of(residual[windows.inside])
         elif not known:
             damping = tried
         slopes = None if small or far else slopes
         if small and not known:
-            wide, damping = wide + (central or coarse), min(damping, FIRST)
+            wide, damping = wide + (central or coarse), min(damping, FIRST_DAMPING)
         if wide == last:
             break
         central = central or not (far or coarse)

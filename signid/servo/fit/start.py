@@ -37,7 +37,7 @@ LENGTH = 0.2  # [s] rows that are compared; a start is forgotten within them
 ROUNDS = 4  # of Gauss-Newton
 FIRST_SHARES = (0.0, 0.1, 0.3, 0.6, 1.0)  # of its step that are tried
 BUTTERWORTH = lru_cache(maxsize=8)(butter)
-LEAST = 1e-4  # [rad or m] least noise of positions
+MIN_POSITION_NOISE = 1e-4  # [rad or m] least noise of positions
 
 
 class _Factors(NamedTuple):
@@ -225,7 +225,7 @@ def first_state(model: Model, grid: ServoGrid) -> tuple[Array, Array]:
         found = _positions(windows, servos, at + np.vstack([np.zeros(2 * n), np.diag(nudges)]))
         left = found[0] - windows.measured
         if k == 0:
-            noise = np.maximum(np.sqrt(np.mean(left**2, axis=(0, 1))), LEAST)
+            noise = np.maximum(np.sqrt(np.mean(left**2, axis=(0, 1))), MIN_POSITION_NOISE)
         slopes = state_slopes((found[1:] - found[0]) / nudges[:, None, None, None], noise)
         step = slopes.inverse[0] @ (slopes.slopes[0].T @ (left / noise).ravel() + (at - smoothed) / wide**2)
         tried = at - np.array(FIRST_SHARES)[:, None] * step

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...servos import Servo, ServoGrid
 from ...types import Array, Indices, Mask
-from ..plant.course import LONGEST, Copies, JoinedGrids, RobotCourse, substeps
+from ..plant.course import FIT_SUBSTEP, Copies, JoinedGrids, RobotCourse, substeps
 from ..plant.kernel import LoopBodies, Starts, simulate
 
 MOST_VALUES = 6_000_000  # positions simulated at a time
@@ -74,7 +74,7 @@ def windows_of(
     places: Sequence[tuple[int, int, int]],
     about: Sequence[RobotCourse] = (),
     *,
-    longest: float = LONGEST,
+    longest: float = FIT_SUBSTEP,
 ) -> FitWindows:
     """Windows of n joints at places: index of a grid, first row and rows.
 

@@ -19,9 +19,9 @@ from ..fit import ServoFit, fit_servos, start_limits
 from ..given import OWN, Assumptions
 from ..plant.course import recorded_course
 from ..plant.roll_out import roll_out_along
-from ..search.choice import SHORT, Candidate
+from ..search.choice import SHORT_WINDOW, Candidate
 from ..search.data import ServoData, loop_error, position_noise
-from ..search.laws import STEPS, WORTH, largest_torques, limited
+from ..search.laws import LIMIT_RESIDUAL_RATIO, STEPS, largest_torques, limited
 from ..search.searcher import Chosen, ServoOptions
 from .facts import demand, joint_facts
 from .fits import block, closed_loops, nominal_servos, number_at_bound, number_std
@@ -43,13 +43,13 @@ from .result import ServoIdentification, ServoJoint, ServoRollOut, ServoTrace
 from .scale import Stated, alternatives, gain_text, implied_ratios, known_scale, mass_ratios
 
 HORIZON = 1.0  # [s] of the roll-outs, from measured states
-FAR = 3.0  # [1] held-out rms over that of the training data, from which it is flagged
-LOUD = 3.0  # [1] held-out rms over the noise of positions, from which it is more than noise; as of torque
+MAX_HELD_OUT_RATIO = 3.0  # [1] held-out rms over that of the training data, from which it is flagged
+MIN_NOISE_MULTIPLE = 3.0  # [1] held-out rms over the noise of positions, from which it is more than noise; as of torque
 TRIFLE = 0.02  # [1] held-out rms over that of the tracking error, below which no use of a model depends on it
-ALIKE = 0.9  # [1] limit of held-out rows over the bound of the training data, below which the two contradict
-EQUAL = 0.05  # probability of such differences among equal joints, over all numbers, from which --equal is proposed
+MIN_LIMIT_RATIO = 0.9  # [1] limit of held-out rows over the bound of the training data, below which the two contradict
+EQUAL_PROBABILITY = 0.05  # of such differences among equal joints, over all numbers, from which --equal is proposed
 DIFFERENT = 0.01  # the same, below which the number that differs is named
-LEAST = "kp"  # number that at least two joints must have
+REQUIRED_NUMBER = "kp"  # number that at least two joints must have
 Estimates = Mapping[str, tuple[float, float]]  # value and standard deviation by number [SERVO_UNITS]
 
 
@@ -282,7 +282,7 @@ def held_out_errors(model: Model, data: ServoData, servos: Mapping[str, Servo]) 
     trained, unseen = (_rms(model, servos, grids) for grids in (data.train, data.held_out))
     errors = np.concatenate([grid.on * (grid.command - grid.q) for grid in data.held_out])
     noise, tracking = position_noise(data.held_out), np.sqrt(np.mean(errors**2, axis=0))
-    far = (unseen > FAR * trained) & (unseen > LOUD * noise) & (unseen > TRIFLE * tracking)
+    far = (unseen > MAX_HELD_OUT_RATIO * trained) & (unseen > MIN_NOISE_MULTIPLE * noise) & (unseen > TRIFLE * tracking)
     unit = ["m" if model.robot.prismatic[model.robot.index(joint)] else "rad" for joint in data.joints]
     return {
         joint: HeldOutError(joint, unit[j], float(trained[j]), float(unseen[j]), bool(far[j]))
@@ -324,7 +324,7 @@ def compared(
     found = dict(facts)
     for joint, torque in beyond.items():
         limit = limits.get(joint, np.inf)
-        limit = limit if limit > ALIKE * facts[joint].largest_torque else np.inf
+        limit = limit if limit > MIN_LIMIT_RATIO * facts[joint].largest_torque else np.inf
         if errors[joint].far or limit < np.inf:
             found[joint] = replace(facts[joint], held_out_torque=torque, held_out_limit=limit)
     return found
@@ -350,7 +350,7 @@ def _limits(
             data.held_out,
             drives,
             free,
-            window=SHORT,
+            window=SHORT_WINDOW,
             relinearise=False,
             iterations=steps,
             scales=False,
@@ -359,7 +359,7 @@ def _limits(
 
     found = fitted(start.servos, [(joint, "effort_limit") for joint in joints], STEPS).servos
     without, limits = (fitted(drives, (), 0).residual_rms for drives in (servos, found))  # states as measured
-    helps = dict(zip(data.joints, limits < WORTH * without, strict=True))
+    helps = dict(zip(data.joints, limits < LIMIT_RESIDUAL_RATIO * without, strict=True))
     return {joint: found[joint].effort_limit for joint in joints if helps[joint]}
 
 
@@ -379,7 +379,7 @@ def equal_hints(found: Mapping[str, Estimates], equal: Sequence[Sequence[str]] =
         if any(set(members) <= set(group) for group in equal):
             continue
         name, p = _likeliest(members, found)
-        if p > EQUAL and sum(LEAST in found[joint] for joint in members) > 1:
+        if p > EQUAL_PROBABILITY and sum(REQUIRED_NUMBER in found[joint] for joint in members) > 1:
             yield (
                 f"{shorten(members)}: no number differs beyond its interval; --equal "
                 f"'{name_pattern(members, tuple(found))}' fits them as equal drives, with narrower intervals"

@@ -20,9 +20,9 @@ from ..search.searcher import ServoOptions
 from .result import ServoRollOut, ServoTrace
 from .scale import Stated, first_candidate, implied_ratios, scaled_masses, stated_drive
 
-APART = 6  # most iterations of a fit of equal joints with own numbers
+MAX_OWN_ITERATIONS = 6  # most iterations of a fit of equal joints with own numbers
 HORIZON = 1.0  # [s] between measured states of short roll-outs
-FARTHEST = 1e3  # error from which on a simulation counts as diverged [rad or m]
+DIVERGED_ERROR = 1e3  # error from which on a simulation counts as diverged [rad or m]
 STATED, IDEAL = "stated numbers", "q = q_des"
 
 
@@ -76,7 +76,7 @@ def own_numbers(
         fit.free,
         window=candidate.window or options.window,
         relinearise=False,
-        iterations=APART,
+        iterations=MAX_OWN_ITERATIONS,
         scales=False,
         usual=candidate.usual,
         assumptions=replace(candidate.assumptions, equal=()),
@@ -157,4 +157,4 @@ def _rms(error: Array, driven: Array) -> Array:
     """Root mean square (n,) of errors (N, n); inf where one diverges, NaN for joints without commands."""
     with np.errstate(over="ignore", invalid="ignore"):
         rms = np.sqrt(np.mean(error**2, axis=0))
-    return np.where(driven, np.where(rms <= FARTHEST, rms, np.inf), np.nan)
+    return np.where(driven, np.where(rms <= DIVERGED_ERROR, rms, np.inf), np.nan)

@@ -19,7 +19,7 @@ NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w.]*\w)")  # tha
 UNSURE = 0.95  # probability of a law below which it is said
 DISAGREES = 3.0  # standard deviations between recordings and prior from which it is said
 INFORMS = 0.98  # standard deviation over that of the prior below which recordings say something of a number
-SLOW = 0.25  # lag over the shortest period of the commands from which it is said
+MAX_LAG_SHARE = 0.25  # lag over the shortest period of the commands from which it is said
 
 
 def joint_flags(joints: Sequence[ServoJoint]) -> Iterator[str]:
@@ -106,7 +106,7 @@ def lag_flags(joints: Sequence[ServoJoint], data: ServoData) -> Iterator[str]:
     for joint in joints:
         lag = joint.numbers["lag"].value if "lag" in joint.numbers else None
         period = shortest_period(data.train, joint.joint)
-        if lag is not None and lag > SLOW * period:
+        if lag is not None and lag > MAX_LAG_SHARE * period:
             yield (
                 f"{joint.joint}: the lag of {decimals(1e3 * lag)} ms is more than a quarter of the shortest period of "
                 f"the commands ({decimals(period, 2)} s); the joint does not follow such motion"

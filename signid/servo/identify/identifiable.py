@@ -16,7 +16,7 @@ from .result import ServoNumber
 
 LIGHT = 0.15  # share of the torque that is known load, below which the scale is not identifiable (MuJoCo so101)
 UNIQUE = 0.05  # the same for load that armature, friction and offset of the joint cannot give; at least
-LEAST_UNIQUE, CLEAR = 0.01, 10.0  # this, and this multiple of the relative residual, where that is small
+LEAST_UNIQUE, UNIQUE_FACTOR = 0.01, 10.0  # this, and this multiple of the relative residual, where that is small
 VAGUE = 0.5  # std over value of a positive number beyond which it is not identifiable
 SPLIT = 0.1  # half a 95 % interval of the delay over the lag beyond which the two are one number
 ONE_NUMBER = "kd and viscous friction are one number here"
@@ -32,7 +32,7 @@ MEMBER = 0.1  # component of a unit direction beyond which a number belongs to i
 SCALED = ("kp", "kd", "viscous_friction", "damping", "coulomb_friction", "armature", "effort_limit", "torque_offset")
 INVERSE_SCALED = ("droop",)
 SIGNED = ("torque_offset", "delay", "lag")
-LATE, LATEST = ("delay", "lag"), 0.1  # times; [s] half width of a 95 % interval beyond which a small one says nothing
+TIME_NUMBERS, HALF_WIDTH = ("delay", "lag"), 0.1  # times; [s] of a 95 % interval beyond which a small one says nothing
 LIMITS = ("effort_limit", "speed_limit", "profile_speed")
 RATIOS = ("damping", "coulomb_friction", "torque_offset", "effort_limit", "armature")  # torques that are given over kp
 RATIOS_KNOWN = "; known ratios: "
@@ -215,12 +215,12 @@ def _vague(
     sizes = {"load_friction": 1.0, "coulomb_friction": facts.largest_torque}  # of friction: what moves the joint
     for name in (*free, "damping", "lag"):
         vague = name in std and name not in SIGNED and not std[name] <= VAGUE * abs(values[name])
-        late = name in LATE and name in std and 1.96 * std[name] > max(abs(values[name]), LATEST)
+        late = name in TIME_NUMBERS and name in std and 1.96 * std[name] > max(abs(values[name]), HALF_WIDTH)
         if vague or late or not np.isfinite(std.get(name, 0.0)):
             words, unit = name.replace("_", " "), unit_of(name, facts.prismatic)
             most = values[name] + 1.96 * std[name]
             largest = sizes.get(name) or np.inf
-            useful = np.isfinite(most) and name not in (*LIMITS, *LATE, "kp") and not most >= largest
+            useful = np.isfinite(most) and name not in (*LIMITS, *TIME_NUMBERS, "kp") and not most >= largest
             below = float(most) if useful else None
             limit = "" if below is None else f": it is below {decimals(below, 2)} {unit}".removesuffix(" 1")
             yield Lost(name, f"{facts.joint}: {words} is {VAGUELY}{limit}", below)
@@ -257,7 +257,7 @@ def _limit_sentence(facts: JointFacts) -> str:
 
 
 def _scale_known(facts: JointFacts) -> bool:
-    unique = float(np.clip(CLEAR * facts.unexplained, LEAST_UNIQUE, UNIQUE))
+    unique = float(np.clip(UNIQUE_FACTOR * facts.unexplained, LEAST_UNIQUE, UNIQUE))
     light = facts.known_load_share < LIGHT or facts.unique_load_share < unique
     return facts.scale_known and not (facts.masses_set_scale and light)
 

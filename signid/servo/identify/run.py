@@ -22,12 +22,12 @@ from ...typed import typed
 from ...types import Array, Progress, Recording
 from ..fit import ServoFit, fit_servos, start_servos
 from ..given import OWN, given_texts
-from ..plant.course import LONGEST, bodies_of
+from ..plant.course import FIT_SUBSTEP, bodies_of
 from ..search.choice import LOUDER, Candidate, ServoTrial, improved, supported, worth
 from ..search.data import ServoData, loop_error, servo_data, thinned
 from ..search.laws import rare_limits, try_laws
 from ..search.searcher import FIRST, Chosen, KnownLimits, Searcher, ServoOptions
-from ..zeros.run import CLEAR, JointZero, find_zeros, turns
+from ..zeros.run import P_SIGN, JointZero, find_zeros, turns
 from .conclude import JudgedFit, Known, conclude, facts_of, judge
 from .facts import exceeded, full_duty_errors
 from .fits import final_fit, own_numbers, weigh_bodies, whole_rms
@@ -41,19 +41,19 @@ PLAIN = "duty"  # its regression has one number less
 FINER = 0.7  # rows of the log over those of the grid [1], below which the grid averages known changes of commands
 SEARCHED, FITTED = 60_000, 180_000  # substeps times squared joints of a branch
 LEAST_SHARE, LEAST_TIME = 0.1, 10.0  # of the rows, [s] a joint of a branch: the less of both is fitted (SO-101)
-KEPT = "the model was not fitted again to the held-out rows"
+NOT_REFITTED = "the model was not fitted again to the held-out rows"
 MOST_JOINTS = 7  # beyond them the search over signs and zeros is too long
 UNDECIDED = "no file states it: move the joint by hand, and write scale = 1 or -1 into the column map (--columns)"
 PARTS = 4  # of a row
 BETWEEN = {2: 0.25, 4: 0.5}  # changes of the command in a row, and shift of what acts in it [rows]; 4: all the time
 EVERY = 0.5  # share of rows with a new command, of those while it moves, from which it may change between rows
-NEAR = 5  # rows around a change of a command, in which it moves
-GROWS, SURE = 1.05, 2.0  # rms, and its growth in standard errors over windows, that rule changes between rows out
+CHANGE_ROWS = 5  # rows around a change of a command, in which it moves
+RMS_GROWTH, GROWTH_ERRORS = 1.05, 2.0  # of rms, and in standard errors over windows, that rule changes between rows out
 STEPS = 2  # most iterations of a fit
-EQUAL = ("effort", "duty")  # the same law while nothing saturates
-EARLY, MORE = 4, 6  # most iterations from a fit with one number less, before it promises something and then
+LINEAR_LAWS = ("effort", "duty")  # the same law while nothing saturates
+FIRST_STEPS, LATER_STEPS = 4, 6  # most iterations from a fit with one number less, before it promises something, then
 PROMISING = 0.995  # error on the training data after the first of them, over that without the number
-FAR = 3.0  # residual over that of a joint that is alike by name, from which its numbers are tried
+RETRY_RATIO = 3.0  # residual over that of a joint that is alike by name, from which its numbers are tried
 LOOSE = 0.15  # residual over the error of the loop from which limits are tried before friction
 
 
@@ -119,7 +119,7 @@ def identify_servos(
     folds = tuple((thinned(a, most), thinned(b, most)) for a, b in data.folds)
     few = replace(data, train=thinned(data.train, most), folds=folds)
     plain, _ = command_model(model, {joint: Servo() for joint in data.driven}, complete=True)
-    starts = {law: {j: x for j, x in start_servos(plain, few.train, law).items() if j in data.driven} for law in EQUAL}
+    starts = {k: {j: x for j, x in start_servos(plain, few.train, k).items() if j in data.driven} for k in LINEAR_LAWS}
     weighed, remarks = plain, tuple[str, ...]()
     if scale == "kp":
         _say(progress, "weighing bodies", 0.05)
@@ -162,7 +162,7 @@ def rows_used(sets: Sequence[Sequence[str]], data: ServoData, budget: int) -> in
     """Most rows of a fit within a budget of substeps times squared joints of the largest set, and at least some."""
     joints, grid = max(len(members) for members in sets), data.train[0]
     least = min(LEAST_SHARE * sum(map(len, data.train)), LEAST_TIME * joints * grid.rate)
-    return max(budget // (joints**2 * int(np.ceil(grid.step / LONGEST - 1e-9))), int(least * budget / FITTED))
+    return max(budget // (joints**2 * int(np.ceil(grid.step / FIT_SUBSTEP - 1e-9))), int(least * budget / FITTED))
 
 
 def _logged_rows(recording: Recording) -> LoggedRows:
@@ -207,7 +207,7 @@ def fitted_again(
     """
     first, data = judged.fit, judged.data
     if reasons := tuple(_unlike(judged)):
-        return judged, (f"{KEPT}: {' and '.join(reasons)}",)
+        return judged, (f"{NOT_REFITTED}: {' and '.join(reasons)}",)
     if worse_than_stated(judged.rollout) or time_is_up("the fit of drives to all rows", answer=False):
         return judged, ()
     everything = replace(data, train=(*data.train, *data.held_out))
@@ -217,7 +217,7 @@ def fitted_again(
     after = replace(before, whole_rms=whole_rms(model, fit.servos, data.held_out))
     worse = not np.nanmean(after.whole_rms**2) <= LOUDER**2 * np.nanmean(before.whole_rms**2)
     if worse or worse_than_stated(after):
-        return judged, (f"{KEPT}: it would predict them worse from commands alone",)
+        return judged, (f"{NOT_REFITTED}: it would predict them worse from commands alone",)
     facts = {
         joint: replace(fact, torque_off=judged.facts[joint].torque_off)  # by the numbers that are free
         for joint, fact in facts_of(model, everything, fit, known).items()
@@ -261,7 +261,7 @@ def zero_flags(zeros: Sequence[JointZero], columns: Mapping[str, str]) -> Iterat
         scale = "scale = -1, " if turned else ""
         entry = f'q_{one.joint} = {{ column = "{columns.get(one.joint, "...")}", {scale}offset = {one.zero:.4g} }}'
         what = "has the opposite sign, and its zero is" if turned else "has a zero that is"
-        unsure = f", whose sign is not sure (probability {one.sign_probability:.2f})," * (one.sign_probability < CLEAR)
+        unsure = f", whose sign is not sure (probability {one.sign_probability:.2f})," * (one.sign_probability < P_SIGN)
         remedy = (
             f"for positions in rad write {entry}, and q_des_{one.joint} alike, into the column map (--columns), or "
             f"pass the columns.toml that -o writes"
@@ -286,7 +286,7 @@ def command_timing(model: Model, data: ServoData, fit: ServoFit, window: float) 
             j = data.joints.index(joint)
             own, base = worse[:, j], float(np.mean(held[:, j]))
             error = own.std(ddof=1) / np.sqrt(len(own)) if len(own) > 1 else np.inf
-            if not (own.mean() > SURE * error and own.mean() > (GROWS**2 - 1) * base):
+            if not (own.mean() > GROWTH_ERRORS * error and own.mean() > (RMS_GROWTH**2 - 1) * base):
                 found[joint] = shift * data.train[0].step
     return found
 
@@ -331,7 +331,7 @@ def _refined(grid: ServoGrid, changes: int) -> ServoGrid:
 def _changes(grids: Sequence[ServoGrid], joint: int) -> float:
     """Share of rows with a new command, of those near a change [1]."""
     new = [np.diff(grid.command[:, joint]) != 0 for grid in grids]
-    near = [np.convolve(x, np.ones(2 * NEAR + 1), "same") > 0.5 for x in new]
+    near = [np.convolve(x, np.ones(2 * CHANGE_ROWS + 1), "same") > 0.5 for x in new]
     return float(sum(x.sum() for x in new) / max(sum(x.sum() for x in near), 1))
 
 
@@ -344,7 +344,7 @@ def search(by: Searcher, start: Candidate, limits: KnownLimits) -> Chosen:
         limits: of joints that seem to saturate, and stated laws.
     """
     laws: dict[str, Mapping[str, float]] = {
-        joint: {law: 1 / len(EQUAL) for law in EQUAL} for joint in start.servos if joint not in limits.laws
+        joint: {law: 1 / len(LINEAR_LAWS) for law in LINEAR_LAWS} for joint in start.servos if joint not in limits.laws
     }
     by.say("fitting servos without limits", 0.1)
     base = by.fit(start)
@@ -382,7 +382,7 @@ def _like_others(by: Searcher, base: ServoTrial, limits: KnownLimits) -> ServoTr
     for members in similar_joints(tuple(base.residual)):
         best = min(members, key=lambda joint: base.residual[joint])
         like = [number for one, number in base.candidate.free if one == best]
-        for joint in (one for one in members if base.residual[one] > FAR * base.residual[best]):
+        for joint in (one for one in members if base.residual[one] > RETRY_RATIO * base.residual[best]):
             own = {number for one, number in base.candidate.free if one == joint}
             numbers = {name: getattr(start.servos[best], name) for name in {*own, *like} - {OWN}}
             servo = replace(start.servos[joint], law=limits.laws.get(joint, start.servos[best].law)).with_(**numbers)
@@ -394,7 +394,7 @@ def _like_others(by: Searcher, base: ServoTrial, limits: KnownLimits) -> ServoTr
     if not again:
         return base
     near = by.near(again)
-    base, new = by.score(base, near), by.score(by.fit(start.only(near), MORE), near)
+    base, new = by.score(base, near), by.score(by.fit(start.only(near), LATER_STEPS), near)
     better = improved(base, new, worth(base, new, again))
     return base.with_joints(new.only(by.near(better))) if better else base
 
@@ -405,9 +405,9 @@ def _try_number(by: Searcher, base: ServoTrial, name: str) -> ServoTrial:
     joints = [joint for joint, servo in start.servos.items() if getattr(servo, name) == neutral]
     if not joints:
         return base
-    first = by.fit(start.changed({}, [(joint, name) for joint in joints]), EARLY)
+    first = by.fit(start.changed({}, [(joint, name) for joint in joints]), FIRST_STEPS)
     near = by.near(promising := worth(base, first, joints, PROMISING))
-    new = by.fit(start.only(near).changed({}, [(joint, name) for joint in promising]), MORE) if promising else base
+    new = by.fit(start.only(near).changed({}, [(j, name) for j in promising]), LATER_STEPS) if promising else base
     if not (promising := worth(base, new, promising)):
         return base
     base = by.score(base, near)
@@ -417,7 +417,7 @@ def _try_number(by: Searcher, base: ServoTrial, name: str) -> ServoTrial:
         return base
     if kept != promising:
         near = by.near(kept)
-        new = by.score(by.fit(start.only(near).changed({}, [(joint, name) for joint in kept]), MORE), near)
+        new = by.score(by.fit(start.only(near).changed({}, [(joint, name) for joint in kept]), LATER_STEPS), near)
     return base.with_joints(new)
 
 
@@ -429,5 +429,5 @@ def _try_without(by: Searcher, base: ServoTrial, name: str) -> ServoTrial:
         return base
     plain = start.changed({joint: start.servos[joint].with_(**{name: neutral}) for joint in joints})
     plain = replace(plain, free=tuple(one for one in start.free if one[1] != name))
-    new = by.fit(plain.only(by.near(joints)), MORE)
+    new = by.fit(plain.only(by.near(joints)), LATER_STEPS)
     return base if worth(new, base, joints) else base.with_joints(new)

@@ -18,14 +18,14 @@ from ...robot.dynamics import moved_bodies, rigid_torque, sensitivity
 from ...servos import DRIVE_LAWS, LOOP_NUMBERS, Servo, ServoGrid
 from ...types import Array, Indices, Robot
 from .grid import commands_at
-from .kernel import SHORT, LoopBodies
+from .kernel import BACKLASH_STEP, LoopBodies
 from .torque import DELAY, PROFILE, Drives
 
 CUTOFF = 20.0  # [Hz] of the filter without delay that gives speeds and accelerations
 ORDER = 3
-LONGEST, COARSE, MOST = 0.002, 0.004, 32  # [s] of a substep, in fits and in searches for laws; substeps of a row
+FIT_SUBSTEP, SEARCH_SUBSTEP, MAX_ROW_SUBSTEPS = 0.002, 0.004, 32  # [s] in fits and in searches for laws; of a row
 TURN = 0.35  # [rad] of the fastest oscillation in a substep
-KEPT = 20_000_000  # values of commands that are kept, [160 MB]
+MAX_KEPT_VALUES = 20_000_000  # values of commands that are kept, [160 MB]
 
 
 class Moved(NamedTuple):
@@ -144,7 +144,7 @@ def _wave(robot: Robot) -> Array:
     return np.array([[(torque[1] - torque[3]) / 2, (torque[0] - torque[2]) / 2]])
 
 
-def substeps(step: float, servos: Sequence[Servo], inertia: Array, finer: int = 1, longest: float = LONGEST) -> int:
+def substeps(step: float, servos: Sequence[Servo], inertia: Array, finer: int = 1, longest: float = FIT_SUBSTEP) -> int:
     """Substeps of a row: of at most `longest` [s], and short against the fastest oscillation of the loop.
 
     step: of a row [s]; inertia: (n,) of the robot at the joints [kg.m2 or kg]; finer: their number is a multiple of it.
@@ -157,8 +157,8 @@ def substeps(step: float, servos: Sequence[Servo], inertia: Array, finer: int = 
         default=0.0,
     )
     short = any(servo.backlash_gap > 0 or servo.gear_exponent > 0 for servo in servos)
-    longest = min(SHORT, longest) if short else longest
-    count = np.clip(np.ceil(step * max(1 / longest, fastest / TURN) - 1e-9), 1, MOST)
+    longest = min(BACKLASH_STEP, longest) if short else longest
+    count = np.clip(np.ceil(step * max(1 / longest, fastest / TURN) - 1e-9), 1, MAX_ROW_SUBSTEPS)
     return finer * int(np.ceil(count / finer))
 
 
@@ -212,7 +212,7 @@ class JoinedGrids:
         """Commands (7, R parts) of a joint; the last ones are kept."""
         key = (j, kd_on, delay, profile)
         if key not in self._held:
-            if sum(each.size for each in self._held.values()) > KEPT:
+            if sum(each.size for each in self._held.values()) > MAX_KEPT_VALUES:
                 self._held.clear()
             each = [commands_at(grid, self.joints[j], kd_on, delay, profile, self.parts) for grid in self.grids]
             self._held[key] = np.concatenate(each, axis=1)

@@ -15,7 +15,7 @@ from ...types import Array
 
 # Inlined, and without counts of references: a call would copy the seventeen arrays of a state; five times as fast
 LOOP = njit(cache=True, error_model="numpy", forceinline=True, _nrt=False)  # type: ignore[call-overload]
-SWEEPS, SETTLED = 60, 1e-11  # of Gauss-Seidel; largest relative change of a speed that ends it
+SWEEPS, SPEED_TOLERANCE = 60, 1e-11  # of Gauss-Seidel; largest relative change of a speed that ends it
 
 
 class State(NamedTuple):
@@ -74,7 +74,7 @@ def advance_speeds(state, mass, h):  # type: ignore[no-untyped-def]
             change = max(change, abs(new - v[i]))
             size = max(size, abs(new))
             v[i] = new
-        if n == 1 or change <= SETTLED * size:
+        if n == 1 or change <= SPEED_TOLERANCE * size:
             break
 
 

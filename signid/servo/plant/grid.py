@@ -19,11 +19,11 @@ from ...faults.commands.rows import content_rows
 from ...servos import ServoGrid
 from ...types import Array, Mask, Recording, Robot
 
-FASTEST = 250.0  # [Hz] of a grid by default; enough for loops of position drives
+DEFAULT_MAX_RATE = 250.0  # [Hz] of a grid by default; enough for loops of position drives
 GAP = 0.25  # [s] without samples, beyond 5 periods, ends a grid
-SHORTEST = 0.2  # [s] shorter stretches between gaps are left out
-LARGE = 0.5  # first error over the rms error, from which it is a step (mauicv: .8 to 2.5) and no droop (XL330: 0)
-STILL, LEFT, START = 0.02, 0.05, 0.15  # over the first error: motion at rest, and motion within START [s] that ends it
+MIN_STRETCH_SECONDS = 0.2  # [s] shorter stretches between gaps are left out
+STEP_ERROR_RATIO = 0.5  # first error over rms error, from which it is a step (mauicv: .8 to 2.5), no droop (XL330: 0)
+REST_SHARE, MOVED_SHARE, START = 0.02, 0.05, 0.15  # motion over first error: at rest, and within START [s] that ends it
 
 
 def servo_grids(recording: Recording, robot: Robot, rate: float | None = None) -> tuple[ServoGrid, ...]:
@@ -122,7 +122,7 @@ def grids_of_arrays(
     if len(stamps) < 3:
         raise RecordingError(f"{source} has {len(stamps)} usable rows; record the robot in motion")
     period = float(np.median(np.diff(stamps)))
-    rate = min(_round(1 / period), FASTEST) if rate is None else float(rate)
+    rate = min(_round(1 / period), DEFAULT_MAX_RATE) if rate is None else float(rate)
     parts = _stretches(stamps, max(GAP, 5 * period), source)
     flags = tuple(bool(x) for x in have)
     gains = np.broadcast_to(np.asarray(gain, float), (n,))
@@ -145,10 +145,10 @@ def _stretches(t: Array, gap: float, source: str) -> list[slice]:
     """Rows of the stretches without gaps."""
     edges = [0, *(np.flatnonzero(np.diff(t) > gap) + 1).tolist(), len(t)]
     parts = [slice(a, b) for a, b in zip(edges, edges[1:], strict=False) if b - a > 3]
-    parts = [part for part in parts if t[part][-1] - t[part][0] >= SHORTEST]
+    parts = [part for part in parts if t[part][-1] - t[part][0] >= MIN_STRETCH_SECONDS]
     if not parts:
         raise RecordingError(
-            f"{source} has no stretch of {SHORTEST:g} s without gaps; record for longer, or check the stamps"
+            f"{source} has no stretch of {MIN_STRETCH_SECONDS:g} s without gaps; record for longer, or check the stamps"
         )
     return parts
 
@@ -263,8 +263,8 @@ def held_before(grid: ServoGrid, joint: int) -> float:
     q, first = grid.q[:, joint], float(grid.command[0, joint])
     error = first - float(q[0])
     moved = (q[: int(round(START * grid.rate)) + 2] - q[0]) * np.sign(error)
-    large = abs(error) > LARGE * np.sqrt(np.mean((grid.command[:, joint] - q) ** 2))
-    starts = large and abs(moved[1]) < STILL * abs(error) and moved.max() > LEFT * abs(error)
+    large = abs(error) > STEP_ERROR_RATIO * np.sqrt(np.mean((grid.command[:, joint] - q) ** 2))
+    starts = large and abs(moved[1]) < REST_SHARE * abs(error) and moved.max() > MOVED_SHARE * abs(error)
     return float(q[0]) if starts else first
 
 

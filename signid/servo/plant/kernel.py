@@ -18,7 +18,7 @@ from .torque import ARMATURE, DUTY, EFFORT, GAP, LINK_ENCODER, VISCOUS, ZERO, Dr
 # momentum that links which were met add to the joints
 HALF, SIDE, DEFLECTION, RELATIVE, MOTOR, IMPULSE = range(6)
 BEGIN = 2.0  # side of a gap at which a window begins: where the motor pushes
-SHORT = 5e-4  # [s] longest substep with backlash or gears: 2 ms shift the meeting of a link, and stops, by mrad
+BACKLASH_STEP = 5e-4  # [s] longest, also with gears: 2 ms shift the meeting of a link, and stops, by mrad
 ROTOR = 1e-3  # [1] least inertia of a motor with backlash over that of its link
 EDGE = 1e-3  # [1] share of a substep at its ends, in which a turn is not looked for
 PASSES = 5  # of a substep, until it is consistent which drives are at their limits
@@ -297,7 +297,7 @@ def simulate_copies(bodies, drives, starts, state, waves, loose):  # type: ignor
             state.armature[i], beyond[i] = drives.numbers[c, i, ARMATURE], drives.numbers[c, i, LINK_ENCODER]
         pieces, tries = 1, 1
         if loose is not None and loose[c]:
-            pieces, tries = int(np.ceil(drives.step / SHORT - 1e-9)), 3  # both sides of each gap, and the better ones
+            pieces, tries = int(np.ceil(drives.step / BACKLASH_STEP - 1e-9)), 3  # both sides of gaps, then the better
         h, held = drives.step / pieces, parts * pieces // finer  # substeps of a row of the bodies
         for w in range(windows):
             follows = w > 0 and starts.first[w] == starts.first[w - 1] + starts.rows[w - 1]

@@ -18,18 +18,18 @@ from ..plant.roll_out import roll_out_along
 from .data import ServoData
 
 DRAWS = 2000  # Bayesian bootstrap (Rubin, Annals of Statistics 9(1), 1981)
-SAME = 0.05  # log rms; closer scores count as equal
+SCORE_TOLERANCE = 0.05  # log rms; closer scores count as equal
 PRIOR = {"torque_speed": 0.25}  # share of a law among equal ones; it contains `effort`
 GAIN = 0.01  # log rms that an additional number must save on windows that took no part
-SURE = 2.0  # standard errors of that saving
+SAVING_ERRORS = 2.0  # standard errors of that saving
 LOUDER = 1.02  # ratio by which the rms over all these windows may grow
 FLOOR = 1e-6  # [rad or m] rms below which windows are equally good
 WINDOW = 1.0  # [s] of the scores
 STEPS, REFIT = 15, 3  # most iterations on all training data, and from there without a fold
-SHORT = 0.2  # [s] of the first windows where drives saturate: nearly linear
+SHORT_WINDOW = 0.2  # [s] of the first windows where drives saturate: nearly linear
 ROUNDS = 2  # fits in which a limit that is tied to kp follows it
 DIVERGED = 10.0  # [rad or m] an error beyond this counts as this
-WORTH = 0.98  # error on the training data, over that without a number, from which the number is cross-validated
+TRIAL_ERROR_RATIO = 0.98  # error on the training data, over that without a number, from which it is cross-validated
 
 
 @dataclass(frozen=True)
@@ -178,7 +178,7 @@ def _seconds(grid: ServoGrid) -> list[slice]:
     return [slice(a, a + step) for a in range(0, max(len(grid) - step, 0) + 1, step)]
 
 
-def worth(before: ServoTrial, after: ServoTrial, joints: Sequence[str], ratio: float = WORTH) -> list[str]:
+def worth(before: ServoTrial, after: ServoTrial, joints: Sequence[str], ratio: float = TRIAL_ERROR_RATIO) -> list[str]:
     """Joints whose training data a change fits notably better."""
     return [joint for joint in joints if after.residual[joint] < ratio * before.residual[joint]]
 
@@ -233,7 +233,7 @@ def law_probabilities(scores: Mapping[str, Array], seed: int = 0) -> dict[str, f
     # Heuristic, not derived: mean log rms is a score of typical windows, the log of rms over all is one of the few
     # windows where a limit acts; a law must do well in both, so they count alike.
     means = (weights @ values.T + 0.5 * np.log(weights @ top.T)) / 2  # (DRAWS, laws)
-    best = prior * (means <= means.min(axis=1, keepdims=True) + SAME)
+    best = prior * (means <= means.min(axis=1, keepdims=True) + SCORE_TOLERANCE)
     share = np.mean(best / best.sum(axis=1, keepdims=True), axis=0)
     count = values.shape[1]
     return {law: float((s * count + 1 / len(laws)) / (count + 1)) for law, s in zip(laws, share, strict=True)}
@@ -250,4 +250,4 @@ def improves(before: Array, after: Array) -> bool:
         return False
     error = saved.std(ddof=1) / np.sqrt(len(saved))
     loud = np.nanmean(np.exp(2 * after)) <= LOUDER**2 * np.nanmean(np.exp(2 * before))
-    return bool(loud and saved.mean() > GAIN and saved.mean() > SURE * error)
+    return bool(loud and saved.mean() > GAIN and saved.mean() > SAVING_ERRORS * error)

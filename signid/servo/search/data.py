@@ -18,7 +18,7 @@ MOST_BLOCKS = 8
 MANY, RUN = 20, 12.0  # grids of at most RUN [s] of which some are left out whole
 FOLDS = 4  # of whole recordings
 HALVES = 2  # of blocks of the only recording
-SHORTEST = 1.0  # [s] of a grid that can be held out or validate
+MIN_GRID_SECONDS = 1.0  # [s] of a grid that can be held out or validate
 NORMAL = 0.6745  # median of |x| of a standard normal variable
 LEAST_WAY = 1e-3  # [rad or m] way of the commands below which a joint stands still
 LEAST_NOISE = 1e-5  # [rad or m]
@@ -97,7 +97,7 @@ def thinned(grids: Sequence[ServoGrid], most: int) -> tuple[ServoGrid, ...]:
         count = max(int(len(grid) / grid.rate / BLOCK * share), 1)
         edges = np.linspace(0, len(grid), count + 1).astype(int).tolist()
         for start, stop in zip(edges[:-1], edges[1:], strict=True):
-            kept = max(int((stop - start) * share), min(round(SHORTEST * grid.rate), stop - start))
+            kept = max(int((stop - start) * share), min(round(MIN_GRID_SECONDS * grid.rate), stop - start))
             moved = np.convolve((way[start:stop] / whole).sum(1), np.ones(kept), mode="valid")
             first = start + int(np.argmax(moved))
             blocks.append(rows_of(grid, first, first + kept))
@@ -126,7 +126,7 @@ def _cut(grids: Sequence[ServoGrid], share: float) -> tuple[list[ServoGrid], lis
     for grid in grids:
         stop = min(max(left, 0), len(grid))
         before += [rows_of(grid, 0, stop)] if stop > 3 else []
-        after += [rows_of(grid, stop, len(grid))] if len(grid) - stop > grid.rate * SHORTEST else []
+        after += [rows_of(grid, stop, len(grid))] if len(grid) - stop > grid.rate * MIN_GRID_SECONDS else []
         left -= len(grid)
     return before, after
 
@@ -141,7 +141,7 @@ def _folds(grids: Sequence[Sequence[ServoGrid]]) -> tuple[tuple[tuple[ServoGrid,
     for k in range(count):
         fit = tuple(grid for i, some in zip(fold, units, strict=True) if i != k for grid in some)
         unseen = tuple(grid for i, some in zip(fold, units, strict=True) if i == k for grid in some)
-        unseen = tuple(grid for grid in unseen if len(grid) > SHORTEST * grid.rate)
+        unseen = tuple(grid for grid in unseen if len(grid) > MIN_GRID_SECONDS * grid.rate)
         if fit and unseen:
             folds.append((fit, unseen))
     return tuple(folds)
@@ -163,10 +163,10 @@ def _check(data: ServoData, recordings: Sequence[Recording], held_out: Sequence[
             f"no joint has commands q_des_J in all of {names}; give recordings of the same joints with their commands"
         )
     seconds = sum(len(grid) / grid.rate for grid in data.train)
-    if seconds < 2 * SHORTEST:
+    if seconds < 2 * MIN_GRID_SECONDS:
         raise RecordingError(
-            f"{names}: {seconds:.2g} s remain to learn from, and at least {2 * SHORTEST:g} s are needed; record for "
-            f"longer"
+            f"{names}: {seconds:.2g} s remain to learn from, and at least {2 * MIN_GRID_SECONDS:g} s are needed; "
+            f"record for longer"
         )
 
 

@@ -10,17 +10,17 @@ import numpy as np
 from ...servos import DRIVE_LAWS, Servo
 from ..fit import start_limits
 from ..plant.course import recorded_course
-from .choice import SHORT, Candidate, ServoTrial, fit_candidate, improved, law_probabilities, worth
+from .choice import SHORT_WINDOW, Candidate, ServoTrial, fit_candidate, improved, law_probabilities, worth
 from .data import ServoData
 from .searcher import KnownLimits, Searcher
 
-MORE = 6  # most iterations over short windows
+SHORT_STEPS = 6  # most iterations over short windows
 NEAR_TOP = 0.9  # second start of a limit, over the largest torque that the loop asks for
-FAR = 3.0  # largest speed of a torque-speed law over that of the motion from which it is the effort law
+SPEED_RATIO = 3.0  # largest speed of a torque-speed law over that of the motion from which it is the effort law
 INSIDE = 0.15  # share of the damping inside the limit below which effort and duty are the same law
 EARLY, STEPS = 3, 8  # most iterations, before limits promise something and in all
 PROMISING = 0.95  # residual over that without a limit after the first of them
-WORTH = 0.8  # residual over that without a limit from which the laws of a joint are tried
+LIMIT_RESIDUAL_RATIO = 0.8  # residual over that without a limit from which the laws of a joint are tried
 
 
 def try_laws(
@@ -87,9 +87,9 @@ def _apart(trials: Mapping[str, ServoTrial], joint: str, top: float) -> dict[str
     An effort law without damping inside its limit is a duty law; a torque-speed law whose largest speed is far is an
     effort law, and takes its place if it fits better.
     """
-    out = dict(trials)
-    if {"effort", "torque_speed"} <= set(out) and out["torque_speed"].candidate.servos[joint].speed_limit > FAR * top:
-        line = out.pop("torque_speed")
+    out, line = dict(trials), trials.get("torque_speed")
+    if line is not None and "effort" in out and line.candidate.servos[joint].speed_limit > SPEED_RATIO * top:
+        del out["torque_speed"]
         if line.residual[joint] < out["effort"].residual[joint]:
             servo = replace(line.candidate.servos[joint], law="effort", speed_limit=np.inf)
             free = tuple(name for name in line.candidate.free if name != (joint, "speed_limit"))
@@ -120,7 +120,7 @@ def _law_start(
     starts = [limited(base, top, law), limited(regressed, found, law)]
     if law == "torque_speed" and "effort" in before:
         starts = [limited(replace(before["effort"].candidate.only(base.servos), window=0.0), top, law)]
-    ends = [fit_candidate(by.model, by.data.train, one, SHORT, MORE, coarse=True) for one in starts]
+    ends = [fit_candidate(by.model, by.data.train, one, SHORT_WINDOW, SHORT_STEPS, coarse=True) for one in starts]
     rows = [by.data.joints.index(joint) for joint in joints]
     return min(ends, key=lambda end: float(np.log(end[1].residual_rms[rows]).sum()))[0]
 
@@ -174,7 +174,7 @@ def rare_limits(by: Searcher, base: ServoTrial, limits: KnownLimits) -> tuple[Kn
     if not worth(base, new, joints, PROMISING):
         return limits, []
     new = by.fit(new.candidate, STEPS - EARLY)
-    kept = worth(base, new, joints, WORTH)
+    kept = worth(base, new, joints, LIMIT_RESIDUAL_RATIO)
     starts = {
         law: one.changed({joint: new.candidate.servos[joint] for joint in kept}) for law, one in limits.starts.items()
     }

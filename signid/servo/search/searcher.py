@@ -18,10 +18,10 @@ from .data import ServoData
 FIRST = "load_friction"  # tried before the laws of joints that saturate rarely: else limits are fitted to friction
 ADDITIONAL = (FIRST, "dead_band", "droop", "profile_speed")
 FACTORS = (2.0, 4.0, 16.0)  # of the windows, one after another
-LEAST = 16  # windows in all recordings: fewer give no intervals
+MIN_WINDOWS = 16  # windows in all recordings: fewer give no intervals
 LONGER = 8  # most iterations
-WORSE = 1.15  # error of whole recordings over that of windows from which longer windows are tried
-BETTER = 0.98  # error of whole recordings over that before, geometric mean of the joints, so that they stay
+LONGER_WINDOW_RATIO = 1.15  # error of whole recordings over that of windows from which longer windows are tried
+WHOLE_ERROR_RATIO = 0.98  # error of whole recordings over that before, geometric mean of the joints, so that they stay
 
 
 @dataclass(frozen=True)
@@ -76,15 +76,15 @@ class Searcher:
         Short windows begin at measured states, which take up what repeats of an error would add to.
         """
         whole, grids, window = self._whole_rms(trial.candidate), self.data.train, self.options.window
-        if not any(whole[joint] > WORSE * trial.residual[joint] for joint in whole):
+        if not any(whole[joint] > LONGER_WINDOW_RATIO * trial.residual[joint] for joint in whole):
             return trial
         best, seconds = trial, sum(len(grid) / grid.rate for grid in grids)
         for factor in FACTORS:
-            if seconds / (factor * window) < LEAST and factor * window > max(len(g) / g.rate for g in grids):
+            if seconds / (factor * window) < MIN_WINDOWS and factor * window > max(len(g) / g.rate for g in grids):
                 break
             new = self.fit(replace(best.candidate, window=factor * window), LONGER)
             after = self._whole_rms(new.candidate)
-            if np.mean([np.log(after[joint] / whole[joint]) for joint in whole]) > np.log(BETTER):
+            if np.mean([np.log(after[joint] / whole[joint]) for joint in whole]) > np.log(WHOLE_ERROR_RATIO):
                 break
             best, whole = new, after
         return best

@@ -14,16 +14,16 @@ from ...frozen import Frozen
 from ...types import Array
 from .rows import FLOOR, RECORDINGS, Loads, responses, unexplained
 
-WIDE = 1.8  # [rad] standard deviation of a zero of which nothing is known
+UNKNOWN_ZERO_STD = 1.8  # [rad] standard deviation of a zero of which nothing is known
 ROBUST = 2.5  # standard deviations from which an error counts less
 STEPS = 12  # most steps of a fit
 BIAS = 0.02  # [rad] what filters and stops leave in zeros of simulated arms, beyond noise
 SLOPE = 1e-4  # [rad] of the difference quotients
 POINTS = 2 * np.pi / 3 * np.arange(3)  # zeros at which the load is computed [rad]
-GRID, COARSE = 48, 16  # zeros that are tried of one joint, and of each of two
-STARTS, SWEEPS, KEPT = 6, 6, 2  # random starts; most turns of all joints; trials that are improved by two joints
+SINGLE_ZEROS, PAIR_ZEROS = 48, 16  # zeros that are tried of one joint, and of each of two
+STARTS, SWEEPS, IMPROVED_TRIALS = 6, 6, 2  # random starts; most turns of all joints; trials improved by two joints
 SAVED = 1e-3  # sum of log rms that a move must save
-ENOUGH = 0.1  # sum of log rms that one or two joints must save, for others to be tried
+MIN_LOG_SAVING = 0.1  # sum of log rms that one or two joints must save, for others to be tried
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +103,7 @@ def _std(loads: Loads, jacobian: Array, left: Array) -> Array:
 
     The largest of those of independent errors, of errors alike in blocks, and of errors alike in recordings.
     """
-    bread = np.linalg.inv(jacobian.T @ jacobian + np.eye(jacobian.shape[1]) / WIDE**2)
+    bread = np.linalg.inv(jacobian.T @ jacobian + np.eye(jacobian.shape[1]) / UNKNOWN_ZERO_STD**2)
     variances = [np.diag(bread)]
     several = len(np.unique(loads.rows.recording)) >= RECORDINGS
     for label in (loads.rows.block, *([loads.rows.recording] if several else [])):
@@ -130,14 +130,14 @@ def search(loads: Loads, joints: Sequence[int], seed: int) -> list[ZeroTrial]:
     moves, pairs = [(j,) for j in joints], list(combinations(joints, 2))
     described = ZeroTrial(_score(loads, np.ones(n), np.zeros(n)), np.ones(n), np.zeros(n))
     found = [described, _descended(loads, described, moves), turned(loads, described, pairs)]
-    if described.score - min(trial.score for trial in found) < ENOUGH:
+    if described.score - min(trial.score for trial in found) < MIN_LOG_SAVING:
         return _different(found)
     for _ in range(STARTS):
         signs, zeros = np.ones(n), np.zeros(n)
         signs[list(joints)] = rng.choice([1.0, -1.0], len(joints))
         zeros[list(joints)] = rng.uniform(-np.pi, np.pi, len(joints))
         found.append(_descended(loads, ZeroTrial(np.inf, signs, zeros), moves))
-    best = _different(found)[:KEPT]
+    best = _different(found)[:IMPROVED_TRIALS]
     found += [_descended(loads, turned(loads, trial, pairs), moves) for trial in best]
     return _different(found)
 
@@ -173,7 +173,7 @@ def best_zeros(loads: Loads, trial: ZeroTrial, joints: tuple[int, ...], signs: t
         zeros[rows] = turn
         at.append(loads.gravity(own, zeros))
     basis = np.stack(at, axis=2)  # (N, n, points)
-    count = GRID if len(rows) == 1 else COARSE
+    count = SINGLE_ZEROS if len(rows) == 1 else PAIR_ZEROS
     grid = 2 * np.pi / count * np.arange(count)
     weight = one = (1 + 2 * np.cos(grid[:, None] - POINTS)) / 3  # (grid, points)
     if len(rows) == 2:

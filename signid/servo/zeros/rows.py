@@ -20,15 +20,15 @@ CUTOFF = 10.0  # [Hz] of motion and errors; at 6 Hz, zeros of a simulated SO-101
 EDGE = 0.3  # [s] left out beside ends and switched drives
 BLOCK = 3.0  # [s] of a block; residuals of different blocks count as independent
 PLAY = 0.012  # [rad or m] over which dry friction turns (SO-101: least residual of 0.003 to 0.025)
-SLOW = 0.03  # [rad/s or m/s] slower joints may stick, and dry friction is then unknown
+MIN_SLIDING_SPEED = 0.03  # [rad/s or m/s] slower joints may stick, and dry friction is then unknown
 TURNING = 0.2  # share of the usual speed of a joint below which it turns round (zeros of a simulated Go2: no bias)
 FULL = 0.97  # share of the largest error that a drive answers from which a row counts as saturated
-FEWEST = 40  # usable rows of a joint; a joint with fewer is not used
+MIN_USABLE_ROWS = 40  # usable rows of a joint; a joint with fewer is not used
 RECORDINGS = 6  # least number of recordings of which each is one block
 FLOOR = 1e-5  # [rad or m] rms error that counts as none
-MOST = 1.5  # largest friction by load, of the load; gears of servos hold their load without current (SO-101)
+MAX_MU = 1.5  # largest friction by load, of the load; gears of servos hold their load without current (SO-101)
 OWN = 0.004  # [rad or m] standard deviation of a loop's error at rest without load: q and q_des share their zero
-SAME = 20  # rows whose errors count as one in the weight of that knowledge
+ROWS_PER_SAMPLE = 20  # rows whose errors count as one in the weight of that knowledge
 TINY = 1e-30
 
 
@@ -81,9 +81,9 @@ def zero_rows(grids: Sequence[ServoGrid], servos: Mapping[str, Servo], most: int
 
 def _slow(speed: Array) -> Array:
     """Speed (n,) [rad/s or m/s] below which joints may stick or turn round, from their speeds (N, n)."""
-    moving = speed > SLOW
+    moving = speed > MIN_SLIDING_SPEED
     usual = np.sqrt(np.sum(np.where(moving, speed, 0.0) ** 2, axis=0) / np.maximum(moving.sum(axis=0), 1))
-    return np.asarray(np.maximum(SLOW, TURNING * usual))
+    return np.asarray(np.maximum(MIN_SLIDING_SPEED, TURNING * usual))
 
 
 def fixed_columns(rows: ZeroRows, j: int, use: Mask) -> Array:
@@ -197,8 +197,8 @@ def responses(line: LoopLine, load: Array) -> tuple[Array, Array]:
     det = np.maximum(aa * bb - ab**2, 1e-9 * aa * bb + TINY)
     both = np.array([(bb * ay - ab * by) / det, (aa * by - ab * ay) / det])
     alone = np.array([ay / np.maximum(aa, TINY), 0 * ay])
-    most = (ay + MOST * by) / np.maximum(aa + 2 * MOST * ab + MOST**2 * bb, TINY)
-    c = np.where(both[1] < 0, alone, np.where(both[1] > MOST * both[0], np.array([most, MOST * most]), both))
+    most = (ay + MAX_MU * by) / np.maximum(aa + 2 * MAX_MU * ab + MAX_MU**2 * bb, TINY)
+    c = np.where(both[1] < 0, alone, np.where(both[1] > MAX_MU * both[0], np.array([most, MAX_MU * most]), both))
     c = np.where(c[0] > 0, c, 0.0)  # a drive does not push along its load
     left = y @ y - 2 * (c[0] * ay + c[1] * by) + c[0] ** 2 * aa + 2 * c[0] * c[1] * ab + c[1] ** 2 * bb
     return c, np.maximum(left, 0.0)
@@ -235,14 +235,14 @@ def _stacked(rows: ZeroRows, j: int, use: Mask, weight: Array) -> tuple[Array, A
     error, columns = rows.error[use, j] * weight, fixed_columns(rows, j, use) * weight[:, None]
     free = np.column_stack([columns, columns[:, 1] * np.abs(rows.q[use, j])])
     noise = np.std(error - free @ np.linalg.lstsq(free, error, rcond=None)[0]) + FLOOR
-    columns = np.vstack([columns, [0, 0, 0, 0, noise * np.sqrt(SAME) / OWN]])
+    columns = np.vstack([columns, [0, 0, 0, 0, noise * np.sqrt(ROWS_PER_SAMPLE) / OWN]])
     return columns, np.append(error, 0.0), np.append(rows.slide[use, j], 0.0)
 
 
 def _line(rows: ZeroRows, j: int, weight: Array) -> LoopLine | None:
     """Line of a joint; None if too few rows are usable."""
     use = np.isfinite(rows.error[:, j])
-    if use.sum() < FEWEST:
+    if use.sum() < MIN_USABLE_ROWS:
         return None
     columns, error, slide = _stacked(rows, j, use, weight[use])
     basis = np.linalg.qr(columns / (np.linalg.norm(columns, axis=0) + 1e-12))[0]

@@ -13,25 +13,25 @@ from ...servos import Servo, ServoGrid
 from ...types import Array, Robot
 from .chain import chain_of
 from .fit import POINTS, ZeroFit, ZeroTrial, best_zeros, fit_zeros, mirrored, noise_of, search, turned, weighted
-from .rows import FEWEST, Loads, foreseen, unexplained, zero_rows
+from .rows import MIN_USABLE_ROWS, Loads, foreseen, unexplained, zero_rows
 
-FINEST, FINE, COARSE = 1200, 400, 200  # rows of the last fit, of those before, and of the search
+LAST_FIT_ROWS, FIT_ROWS, SEARCH_ROWS = 1200, 400, 200  # rows of the last fit, of those before, and of the search
 RIVALS = 2  # fits with another sign that are refined
-SHORTEST = 1.5  # [s] of a recording
+MIN_ZERO_SECONDS = 1.5  # [s] of a recording
 LEAST_BLOCKS = 4  # blocks without which nothing is said
 ACTS = 1e-2  # share of the largest gravity torque that another zero of a joint must change: bodies are not known better
 KNOWN = 0.35  # [rad] standard deviation from which a zero is not identifiable
-LEAST = 0.1  # [rad] smaller zeros are within what masses of a description leave open
-SURE = 0.95  # probability from which a change is said
-CLEAR = 0.9  # probability from which a sign is identifiable
+MIN_CHANGED_ZERO = 0.1  # [rad] smaller zeros are within what masses of a description leave open
+P_CHANGE = 0.95  # probability from which a change is said
+P_SIGN = 0.9  # probability from which a sign is identifiable
 SAVED = 0.02  # sum over joints of the log rms that all changes must save
 WHOLE = 4  # recordings from which they are held out whole
-FEW = 0.5  # nats of errors of a block that count as none
+NEGLIGIBLE_NATS = 0.5  # nats of errors of a block that count as none
 MOST_NATS = 12.0  # nats that the evidence can reach; models of robots are not exact
 COST = 4.0  # nats that a changed zero or sign must save, beyond the fit of noise: a prior of 1/5 each and its width
 LIKELY = 3  # trials of the search from which the choice starts, beside the description
-WORSE = 0.2  # sum of log rms by which gravity alone may fit worse with a sign that is tried
-MOST = 6.0  # standard deviations of a zero that may be none
+MAX_GRAVITY_LOSS = 0.2  # sum of log rms by which gravity alone may fit worse with a sign that is tried
+ZERO_DEVIATIONS = 6.0  # standard deviations of a zero that may be none
 
 
 def find_zeros(
@@ -45,16 +45,16 @@ def find_zeros(
         servos: drives that start a fit, for delays and limits.
         seed: of random starts.
     """
-    long = [grid for grid in grids if len(grid) >= max(SHORTEST * grid.rate, FEWEST)]
+    long = [grid for grid in grids if len(grid) >= max(MIN_ZERO_SECONDS * grid.rate, MIN_USABLE_ROWS)]
     if not long:
         return ()
-    whole = zero_rows(long, servos, FINEST)
-    rows = whole.thinned(FINE)
+    whole = zero_rows(long, servos, LAST_FIT_ROWS)
+    rows = whole.thinned(FIT_ROWS)
     turning = [j for j in range(len(rows.joints)) if rows.joints[j] in servos and turns(robot, j)]
     chain = chain_of(robot)
     if chain is None or not turning:
         return ()
-    coarse, fine = Loads(chain, rows.thinned(COARSE)), Loads(chain, rows)
+    coarse, fine = Loads(chain, rows.thinned(SEARCH_ROWS)), Loads(chain, rows)
     joints = acting(coarse, turning) if len(rows) else []
     if not joints or not coarse.lines or len(np.unique(rows.block)) < LEAST_BLOCKS:
         return ()
@@ -117,7 +117,7 @@ class _Judged:
         n = len(best.signs)
         described = self._fit(np.ones(n), np.zeros(n), ())
         odds = log_odds(self.scores, held_out(*fine, described), min(best.changed, 1))
-        self.sure = probability(odds) > SURE and self._saved(described) > SAVED
+        self.sure = probability(odds) > P_CHANGE and self._saved(described) > SAVED
 
     def all(self, turning: Sequence[int]) -> tuple[JointZero, ...]:
         """Each revolute joint."""
@@ -134,10 +134,10 @@ class _Judged:
         sign = probability(self._odds(self._flipped(j)))
         shift = probability(self._odds(self._plain(j))) if shifted else 0.0
         zero, std = float(own.zeros[j]), float(own.std[j])
-        far = best.signs[j] < 0 or abs(zero) > max(2 * std, LEAST)
-        changed = bool(self.sure and shifted and far and std < KNOWN and shift > SURE)
+        far = best.signs[j] < 0 or abs(zero) > max(2 * std, MIN_CHANGED_ZERO)
+        changed = bool(self.sure and shifted and far and std < KNOWN and shift > P_CHANGE)
         undecided = far and not changed
-        known = std < KNOWN and sign > CLEAR and not undecided
+        known = std < KNOWN and sign > P_SIGN and not undecided
         turn = int(best.signs[j])
         if undecided and turn < 0:
             turn, sign = 1, 1 - sign
@@ -215,7 +215,7 @@ def log_odds(first: Array, second: Array, more: int) -> float:
 
     first: (B,) [nats] of its blocks; second: (B,) [nats] of the other's; more: changes of the first alone.
     """
-    total, ratio = float(np.sum(second - first)), np.log((second + FEW) / (first + FEW))
+    total, ratio = float(np.sum(second - first)), np.log((second + NEGLIGIBLE_NATS) / (first + NEGLIGIBLE_NATS))
     count = len(ratio)
     if count < 2 or total == 0.0:
         return float(-PRIOR * more)
@@ -246,7 +246,7 @@ class JointZero:
     @property
     def decided(self) -> bool:
         """Whether the sign may stand in a file: it is that of the description, or identifiable."""
-        return self.sign > 0 or self.sign_probability >= CLEAR
+        return self.sign > 0 or self.sign_probability >= P_SIGN
 
 
 class Proposal(NamedTuple):
@@ -296,9 +296,9 @@ def _neighbours(loads: Loads, fit: ZeroFit, joints: Sequence[int]) -> Iterator[P
             plain = one.zeros.copy()
             plain[j] = 0.0
             other = sign != fit.signs[j]
-            if other and one.score > least + WORSE:
+            if other and one.score > least + MAX_GRAVITY_LOSS:
                 continue
-            if other or (j in fit.free and abs(fit.zeros[j]) < MOST * fit.std[j]):
+            if other or (j in fit.free and abs(fit.zeros[j]) < ZERO_DEVIATIONS * fit.std[j]):
                 yield Proposal(one.signs, plain, others)
             if other or j not in fit.free:
                 yield Proposal(one.signs, one.zeros, (*others, j))
