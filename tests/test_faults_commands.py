@@ -92,8 +92,11 @@ def test_faults_of_a_simulated_log(fault: Callable[[Columns, str], Columns]) -> 
 def test_faults_of_stamps() -> None:
     columns = drive()
     rng = np.random.default_rng(2)
-    uneven = {**columns, "t": columns["t"] + 0.01 * rng.uniform(-0.9, 0.9, len(columns["t"]))}
+    jitter = 0.01 * rng.uniform(-0.9, 0.9, len(columns["t"]))
+    uneven = {**columns, "t": columns["t"] + 0.5 * jitter}
     assert any("time steps differ" in flag for flag in audit_servos(recording(uneven)).flags)
+    back = audit_servos(recording({**columns, "t": columns["t"] + jitter}))  # repaired
+    assert any("stamps of time go back by up to" in sentence for sentence in (*back.flags, *back.notes))
     same = columns["t"].copy()
     same[10:-1:10] = same[11::10][: len(same[10:-1:10])]
     assert any("repeat the time" in flag for flag in audit_servos(recording({**columns, "t": same})).flags)

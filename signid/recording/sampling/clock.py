@@ -37,7 +37,8 @@ DROPPED = 0.5  # largest share of missing rows within a stretch
 MIN_JUMP_SAVING = 0.5  # [periods] least summed error that a jump next to an end must save
 UNIFORM_ERROR = 1e-3  # [periods] largest error that makes no difference: the tolerance of uniform sampling
 DEEPEST = 4.0  # [periods] by which stamps may go back and are repaired
-REPEATED = 0.01  # accepted share of rows with a repeated time
+MAX_REPEATED_SHARE = 0.01  # [1] accepted share of rows with a repeated time
+MIN_ROUNDED_SHARE = 0.25  # [1] share of such rows above which stamps have too few digits
 COPIED = 0.2  # [1] rows with a repeated time move as often as others; below this share they are copies
 FEW_TIMES = 8  # rows with both times
 DIFFERENT = 0.02  # [periods] difference beyond rounding from which two columns disagree
@@ -206,7 +207,7 @@ def repair_stamps(stamps: Array, q: Array) -> RepairedStamps | None:
         how = f"{fact}: rows are kept in their order, {spaced[1] * 1e3:.5g} ms apart"
         return RepairedStamps(spaced[0], None, how)
     moves = np.asarray(np.diff(q, axis=0).any(axis=1))
-    if again.mean() <= REPEATED or moves[again].mean() < COPIED * moves[~again].mean():
+    if again.mean() <= MIN_ROUNDED_SHARE or moves[again].mean() < COPIED * moves[~again].mean():
         return None  # few rows, or copies of rows
     if (spaced := _spaced(stamps, max(GAP * forward, GAP_SECONDS), forward)) is None:
         return None

@@ -15,7 +15,7 @@ from ..names.vocabulary import INTEGRAL
 from ..streams import plural
 from .accumulate import Accumulator, register_spans
 from .choice import Choice, choose_clock
-from .clock import CHUNK, REPEATED, Clock, likely_unit, read_clock, time_origin
+from .clock import CHUNK, MAX_REPEATED_SHARE, Clock, likely_unit, read_clock, time_origin
 from .grid import Content, Sampling, at_content, content_notes, find_content, row_reader, widest
 
 SIGNALS = ("t", "q", "tau", "dq", "ddq", "q_des")
@@ -227,7 +227,7 @@ def faults(facts: Facts) -> Iterator[str]:
     for column, count in facts.missing.items():
         if count == rows:
             yield f"column {column!r} has no values; fill it or remove it"
-    if facts.repeated > REPEATED * rows:
+    if facts.repeated > MAX_REPEATED_SHARE * rows:
         share = f"{facts.repeated} of {rows} samples repeat the time of the sample before"
         yield f"{share}; write the time with more digits, or once for each sample"
     used = facts.accumulated.total.samples
