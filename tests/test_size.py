@@ -15,6 +15,11 @@ ROOT = Path(__file__).parents[1]
 OWN = [path for folder in ("signid", "robots", "tests", "benchmarks") for path in sorted((ROOT / folder).rglob("*.py"))]
 LIBRARY = [path for path in OWN if path.is_relative_to(ROOT / "signid")]
 VAGUE = {"utils", "util", "helpers", "helper", "manager", "core", "tools", "common", "misc"}
+NO_QUANTITY = set(  # constants that say a degree, and not of what
+    """MOST LEAST FEW FEWEST FAR NEAR ALIKE SURE LOUD LATE APART ENOUGH WORTH SAME STILL WIDE SHORT SLOW FINE COARSE USUAL
+    BETTER WORSE LARGE SMALL LEFT LOST MORE KEPT EQUAL CLEAR CLOSE LARGEST SMALLEST LONGEST SHORTEST FASTEST LATEST FARTHEST
+    SETTLED SHOWN SLACK STRANGE LITTLE AGREE""".split()
+)
 MACHINE = re.compile(r"(?<![\w.~$}])/(?:work|tmp|root|home|Users|farm|opt|mnt)/")
 HOSTS = re.compile(r"pypi\.org|pythonhosted\.org|registry\.npmjs|deb\.debian|crates\.io|proxy\.golang", re.IGNORECASE)
 AIMS = {  # [lines of Python] a room is to have; what it has today is below
@@ -165,6 +170,18 @@ def test_the_library_is_formatted_and_spreads_no_literals() -> None:
 def test_modules_have_names_that_say_something() -> None:
     parts = {path: {part.strip("_") for part in path.relative_to(ROOT).with_suffix("").parts} for path in OWN}
     report([name(path) for path, words in parts.items() if words & VAGUE])
+
+
+def test_constants_are_named_for_their_quantity() -> None:
+    found = []
+    for path in LIBRARY:
+        for node in ast.parse(path.read_text()).body:
+            targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
+            names = {
+                n.id.strip("_") for target in targets if target for n in ast.walk(target) if isinstance(n, ast.Name)
+            }
+            found += [f"{name(path)}:{node.lineno}: {one}" for one in sorted(names & NO_QUANTITY)]
+    report(found)
 
 
 def test_the_library_neither_prints_nor_evaluates_nor_pickles() -> None:
