@@ -16,9 +16,9 @@ OWN = [path for folder in ("signid", "robots", "tests", "benchmarks") for path i
 LIBRARY = [path for path in OWN if path.is_relative_to(ROOT / "signid")]
 VAGUE = {"utils", "util", "helpers", "helper", "manager", "core", "tools", "common", "misc"}
 NO_QUANTITY = set(  # constants that say a degree, and not of what
-    """MOST LEAST FEW FEWEST FAR NEAR ALIKE SURE LOUD LATE APART ENOUGH WORTH SAME STILL WIDE SHORT SLOW FINE COARSE USUAL
-    BETTER WORSE LARGE SMALL LEFT LOST MORE KEPT EQUAL CLEAR CLOSE LARGEST SMALLEST LONGEST SHORTEST FASTEST LATEST FARTHEST
-    SETTLED SHOWN SLACK STRANGE LITTLE AGREE""".split()
+    """MOST LEAST FEW FEWEST FAR NEAR ALIKE SURE LOUD LATE APART ENOUGH WORTH SAME STILL WIDE SHORT SLOW FINE COARSE
+    USUAL BETTER WORSE LARGE SMALL LEFT LOST MORE KEPT EQUAL CLEAR CLOSE LARGEST SMALLEST LONGEST SHORTEST FASTEST
+    LATEST FARTHEST SETTLED SHOWN SLACK STRANGE LITTLE AGREE""".split()
 )
 MACHINE = re.compile(r"(?<![\w.~$}])/(?:work|tmp|root|home|Users|farm|opt|mnt)/")
 HOSTS = re.compile(r"pypi\.org|pythonhosted\.org|registry\.npmjs|deb\.debian|crates\.io|proxy\.golang", re.IGNORECASE)
