@@ -23,7 +23,7 @@ from .torque import DELAY, PROFILE, Drives
 
 CUTOFF = 20.0  # [Hz] of the filter without delay that gives speeds and accelerations
 ORDER = 3
-FIT_SUBSTEP, SEARCH_SUBSTEP, MAX_ROW_SUBSTEPS = 0.002, 0.004, 32  # [s] in fits and in searches for laws; of a row
+FIT_SUBSTEP, SEARCH_SUBSTEP, MAX_ROW_SUBSTEPS = 0.002, 0.004, 32  # [s] in fits, and searches for laws; of a row
 TURN = 0.35  # [rad] of the fastest oscillation in a substep
 MAX_KEPT_VALUES = 20_000_000  # values of commands that are kept, [160 MB]
 

@@ -18,7 +18,7 @@ from .torque import ARMATURE, DUTY, EFFORT, GAP, LINK_ENCODER, VISCOUS, ZERO, Dr
 # momentum that links which were met add to the joints
 HALF, SIDE, DEFLECTION, RELATIVE, MOTOR, IMPULSE = range(6)
 BEGIN = 2.0  # side of a gap at which a window begins: where the motor pushes
-BACKLASH_STEP = 5e-4  # [s] longest, also with gears: 2 ms shift the meeting of a link, and stops, by mrad
+BACKLASH_STEP = 5e-4  # [s] longest substep, also with gears: 2 ms shift the meeting of a link, and stops, by mrad
 ROTOR = 1e-3  # [1] least inertia of a motor with backlash over that of its link
 EDGE = 1e-3  # [1] share of a substep at its ends, in which a turn is not looked for
 PASSES = 5  # of a substep, until it is consistent which drives are at their limits
