@@ -112,9 +112,15 @@ def test_a_known_change_is_judged_beside_its_control(tmp_path: Path, monkeypatch
 
 
 def test_a_robot_takes_no_part_in_the_choice_of_its_constants() -> None:
-    said, named = trials.CONSTANTS["SAID"], {"psm": (9, 2, 9), "emps": (5, 6, 5), "panda": (5, 6, 5)}
+    key = "CHANGED_PROBABILITY"
+    said, named = trials.CONSTANTS[key], {"psm": (9, 2, 9), "emps": (5, 6, 5), "panda": (5, 6, 5)}
     rows = [
-        {"setting": trials.label(trials.setting({"SAID": x})), "set": name, "fair": True, "outcome": outcome}
+        {
+            "setting": trials.label(trials.setting({key: x})),
+            "set": name,
+            "fair": True,
+            "outcome": outcome,
+        }
         for name, counts in named.items()
         for x, n in zip(said.values, counts, strict=True)
         for outcome in ["first"] * n + ["missed"] * (10 - n)

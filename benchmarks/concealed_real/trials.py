@@ -54,12 +54,12 @@ TABLE = (
     Constant("FIRST_LOG_ODDS", "data.thresholds", SEARCH, (3.0, 6.0)),
     Constant("NEXT_LOG_ODDS", "data.thresholds", SEARCH, (2.0, 5.0)),
     Constant("NOISE_ERROR", "data.thresholds", SEARCH, (1.0, 1.8)),
-    Constant("CAUSE_SHARE", "findings.thresholds", CONCLUSION, (0.07, 0.3)),
+    Constant("MIN_CAUSE_SHARE", "findings.thresholds", CONCLUSION, (0.07, 0.3)),
     Constant("REPLACEMENT_RATIO", "findings.thresholds", CONCLUSION, (1.1, 2.5)),
     Constant("WORSE_WEIGHT", "findings.thresholds", CONCLUSION, (1.0, 6.0)),
-    Constant("LEAST_GAIN", "findings.thresholds", CONCLUSION, (0.5, 2.0)),
-    Constant("SAME_PREDICTION", "findings.thresholds", CONCLUSION, (0.05, 0.2)),
-    Constant("SAID", "findings.thresholds", CONCLUSION, (0.3, 0.7)),
+    Constant("MIN_REFIT_GAIN", "findings.thresholds", CONCLUSION, (0.5, 2.0)),
+    Constant("EQUAL_PREDICTION_GAIN", "findings.thresholds", CONCLUSION, (0.05, 0.2)),
+    Constant("CHANGED_PROBABILITY", "findings.thresholds", CONCLUSION, (0.3, 0.7)),
 )
 CONSTANTS = {one.name: one for one in TABLE}
 
@@ -176,7 +176,7 @@ def load(folder: Path, sets: Sequence[str]) -> list[Row]:
 
 
 def label(values: Setting) -> str:
-    """Text of a setting, such as `SAID=0.3`."""
+    """Text of a setting, such as `CHANGED_PROBABILITY=0.3`."""
     return ", ".join(f"{name}={x:g}" for name, x in values)
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import RecordingError
+from ..errors import RecordingError, named_for_caller
 from ..regression.factors import Factors
 from ..regression.motion import Motion, base_rows
 from ..regression.rows import Task
@@ -56,7 +56,7 @@ class ExcitationVerdict(Frozen):
             f"least {MIN_INFO:.0%} is needed): {_join_names(self.unidentified)} cannot be identified; record a motion "
             f"by signid excite"
         )
-        return tuple(found)
+        return tuple(map(named_for_caller, found))
 
 
 def judge_excitation(task: Task, factors: Factors, estimated: Estimate, seed: int = 0) -> ExcitationVerdict:

@@ -26,6 +26,9 @@ class RecordingFault:
     sentence: str
     alternatives: tuple[tuple[str, tuple[str, ...]], ...] = ()  # kinds and joints that explain it equally well
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "sentence", named_for_caller(self.sentence))
+
 
 @dataclass(frozen=True, eq=False)
 class RecordingFaults(Frozen):
