@@ -69,7 +69,7 @@ def test_held_joints_are_named_before_the_zero_of_another() -> None:
     assert (fault.kind, fault.joints, fault.severity) == ("held joints", tuple(POSE), "refuse")
     assert_allclose([fault.measures[joint] for joint in POSE], list(POSE.values()), atol=0.03)
     assert fault.measures["explained_after"] > 0.99 > fault.measures["explained_before"]
-    assert "not at -0.07 and 0.00" in fault.sentence and 'lock={"panda_joint4": -1.9}' in fault.sentence
+    assert "not at -0.07 and 0.00" in fault.sentence and 'lock={"panda_joint4": -1.9' in fault.sentence
     assert faults(load_robot("panda", lock=POSE), columns(posed())) == []
 
 
