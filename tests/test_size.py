@@ -53,7 +53,7 @@ TODAY = {
     "payload": 1444,
     "watch": 2139,
     "output": 12405,
-    "cli": 4772,
+    "cli": 4773,
     "": 2567,
 }
 LOWERED = 60  # [lines] below the number of today from which the number is to be lowered

@@ -83,7 +83,6 @@ def diagnose(
     """
     from ...diagnose import diagnose as search
     from ...regression.session import Options
-    from ...servo.diagnose import diagnose_servos
     from ..files import DIAGNOSIS_FILES, check_logs, deliver_diagnosis
     from .drives import registers_beside
 
@@ -111,6 +110,8 @@ def diagnose(
                 "--reference applies to torque; for position drives, identify them from the healthy recordings, and "
                 "diagnose the resulting model.json"
             )
+        from ...servo.diagnose import diagnose_servos
+
         file, read = registers_beside(gains, [simulation.simulation])
         with time_limit(diagnosis.time_limit):
             with bars(run.json) as progress:

@@ -58,7 +58,7 @@ class Format(NamedTuple):
 _SIMULATOR = f"{' '.join(PASSIVE)} {_LOOP.replace('command_delay', '')}"
 _CODE = Format("the code", f"{_MOTION_LAWS} {_OF_BODIES}")
 FORMATS = {
-    "urdf": Format("a URDF", " ".join((*FRICTION_LAWS, *BODY_LAWS)), beside="actuators ros function"),
+    "urdf": Format("a URDF", " ".join((*FRICTION_LAWS, *BODY_LAWS)), beside="actuators ros function mjcf"),
     "mjcf": Format(
         "an MJCF",
         f"{' '.join(PASSIVE)} {_OF_BODIES} {_LOOP} torque_offset spring torque_saturation quadratic_friction "
