@@ -80,10 +80,10 @@ def export(simulation: SimulationName, exports: ExportFiles, options: ExportOpti
     """Write a model in the file formats of other programs.
 
     Options can be combined; content that a format cannot hold is listed, and flagged where it is more than 2 % of the
-    torque of a joint. The URDF gets inertials (including a payload),
-    damping and friction, and is otherwise unchanged. The MJCF also gets armature, springs, gravity, ranges and motors,
-    or position drives with their delay and limits. --function needs only NumPy and holds the laws that both lack.
-    --franka, --ur and --kuka need a payload, as signid payload -o DIR writes it into model.json.
+    torque of a joint. The URDF gets inertials (including a payload), damping and friction, and is otherwise unchanged.
+    The MJCF also gets armature, springs, gravity, ranges and motors, or position drives with their delay and limits.
+    --function needs only NumPy and holds the laws that both lack. --franka, --ur and --kuka need a payload, as signid
+    payload -o DIR writes it into model.json.
     """
     from ...output.export import STARTED_KINDS, export as write
     from ...output.report import Screen, to_json

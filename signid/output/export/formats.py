@@ -34,8 +34,6 @@ _MOTION_LAWS = """
     gear_friction
 """
 _OF_BODIES = "payload link_inertia base_tilt gravity"
-
-
 OF_VECTORS = {"array", "cross"}  # functions of equations that scalar code lacks
 EMPIRICAL_VARIABLES = ("q", "v", "a", "load")  # variable of an empirical torque, by its number
 
@@ -176,7 +174,9 @@ def left_out(
     near = [name for name in found.beside.split() if kind == "function" or name in beside]
     groups = dict[str, list[Law]]()  # by the end of the sentence
     large = dict[tuple[str, str], list[tuple[float, int, Law]]]()
-    for law, share in zip(lacked, _shares(model, lacked), strict=True):
+    judged = [law for law in lacked if not any(among(law, others[name]) for name in near)]
+    shares = dict(zip(map(id, judged), _shares(model, judged), strict=True))
+    for law in lacked:
         holding = [name for name, laws in others.items() if among(law, laws)]
         if there := [name for name in near if name in holding]:
             end = f", held by {', '.join(there)}"
@@ -184,7 +184,7 @@ def left_out(
             end = ", an error of the recording, not of the robot"
         elif isinstance(law.effect, DriveLaw):
             end = ""
-        elif share is None:
+        elif (share := shares.get(id(law))) is None:
             end = ", whose share of the torque is unknown"
         elif share.max(initial=0.0) <= MAX_UNFLAGGED_SHARE:
             end = f", below {100 * MAX_UNFLAGGED_SHARE:.0f} % of the torque"
