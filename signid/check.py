@@ -22,7 +22,7 @@ from .faults import (
 )
 from .model import Model, ModelSource, stated_inertials, stated_laws
 from .recording import Recordings, as_recordings
-from .recording.names.mapping import ColumnMap, read_map
+from .recording.mapping import ColumnMap, read_map
 from .recording.sampling import Sampling
 from .recording.source import Source, open_source
 from .regression.bandwidth import Band

@@ -26,7 +26,7 @@ from signid.estimation.pbrp.cost import Bounds, read_bounds
 from signid.output.replay.marks import read_found
 from signid.recording import read_recording
 from signid.recording.formats import find_format
-from signid.recording.names.mapping import ColumnMap
+from signid.recording.mapping import ColumnMap
 from signid.recording.sampling import survey
 from signid.robot.actuators import state_actuators
 from signid.robot.description import sandbox

@@ -15,8 +15,7 @@ from pathlib import Path
 import numpy as np
 from scipy.io import savemat
 
-from signid.recording.gallery import DataSet
-from signid.recording.gallery.download import SPLINES
+from signid.recording.gallery import SPLINES, DataSet
 
 GAIN = 35.1506518825  # of the EMPS [N/V], to the digits that its recordings show
 START = 1000.0  # of the UR10e's clock [s]

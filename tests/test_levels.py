@@ -23,8 +23,8 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "output/report/results": "__init__ laws recordings sentences signs simulation identification "
     "servo_identification check payload fleet inspection validation diagnosis servo_diagnosis",
     "estimation": "__init__ fit_quality excitation feasible pbrp repeats least_squares standard estimators",
-    "recording": "names streams formats source sampling units joining reading columns missing gallery read "
-    "__init__ convert",
+    "recording": "vocabulary mapping match streams formats source sampling columns joining reading missing gallery "
+    "read __init__ convert",
     "robot": "joints dynamics actuators description audit locate load __init__",
     "signs": "thresholds result observations search samples infer tree rows_of_file torque_constants recover __init__",
     "simulation": "__init__ plant excite rollout refine",

@@ -16,7 +16,7 @@ from signid.cli import run
 from signid.cli.terminal import write_error
 from signid.errors import RecordingError
 from signid.recording import read_recording
-from signid.recording.names.match import guess
+from signid.recording.match import guess
 from signid.recording.reading import draft_map
 
 ROBOT = signid.load_robot("3r")

@@ -8,8 +8,7 @@ import pytest
 from serving import TEXT, Server, send, serve, toy
 
 from signid.errors import DownloadError, OptionError
-from signid.recording.gallery import DATA, fetch
-from signid.recording.gallery.download import check_source
+from signid.recording.gallery import DATA, check_source, fetch
 
 PATH = "logs/a_toy.csv"
 
@@ -24,7 +23,7 @@ def no_proxy(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def haste(monkeypatch: pytest.MonkeyPatch) -> None:
     """A limit that a test reaches."""
-    monkeypatch.setattr("signid.recording.gallery.download.SILENCE", 0.3)
+    monkeypatch.setattr("signid.recording.gallery.SILENCE", 0.3)
 
 
 def refusal(server: Server) -> str:

@@ -13,8 +13,7 @@ from serving import TEXT, register, toy
 
 import signid
 from signid.cli import run
-from signid.recording.gallery import DATA, is_complete
-from signid.recording.gallery.download import bam
+from signid.recording.gallery import DATA, bam, is_complete
 
 PATH = "logs/a_toy.csv"
 ROBOTS = Path(__file__).parents[1] / "robots"

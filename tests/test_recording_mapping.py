@@ -15,8 +15,8 @@ from test_recording_formats import refusal, sentence
 import signid
 from signid.errors import RecordingError
 from signid.recording import read_recording
-from signid.recording.names.vocabulary import change_of
 from signid.recording.reading import draft_map
+from signid.recording.vocabulary import change_of
 from signid.simulation.plant import read_motion
 from signid.types import Recording, Robot
 

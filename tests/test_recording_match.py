@@ -14,10 +14,10 @@ import signid
 from signid.cli import run
 from signid.errors import RecordingError
 from signid.recording import read_recording
-from signid.recording.names.mapping import calibrated, read_calibration
-from signid.recording.names.match import NUMBER, guess, guess_columns, match_signals
-from signid.recording.names.vocabulary import VOCABULARY, kinds_of
+from signid.recording.mapping import calibrated, read_calibration
+from signid.recording.match import NUMBER, guess, guess_columns, match_signals
 from signid.recording.reading import draft_map
+from signid.recording.vocabulary import VOCABULARY, kinds_of
 from signid.robot import robot_from_text
 
 TIMES = {  # columns of time and their units, "" where the name has none

@@ -14,7 +14,7 @@ import signid
 from signid.cli import run
 from signid.errors import OptionError, RecordingError
 from signid.recording import read_recording
-from signid.recording.names.mapping import read_map
+from signid.recording.mapping import read_map
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ from signid.errors import OptionError, RecordingError
 from signid.recording import read_bare, read_recording
 from signid.recording.convert import convert
 from signid.recording.formats import FORMATS
-from signid.recording.names.mapping import Heading
+from signid.recording.mapping import Heading
 from signid.recording.reading import draft_map
 from signid.robot import load_robot
 from signid.toml_json import read_toml

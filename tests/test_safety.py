@@ -36,7 +36,7 @@ NEVER = {
     "cloudpickle",
 }
 NETWORK = {"socket", "urllib.request", "http", "requests", "httpx", "ftplib", "asyncio", "aiohttp", "pooch"}
-ASKED = {"gallery", "live.py"}  # signid data, which is asked to download; the replay, served to this machine alone
+ASKED = {"gallery.py", "live.py"}  # signid data, which is asked to download; the replay, served to this machine alone
 HEAD = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">'
 
 

@@ -15,7 +15,7 @@ from test_servo_cli import recording
 from signid.cli import run
 from signid.cli.commands.drives import revised_columns
 from signid.recording import read_recording
-from signid.recording.names.mapping import Turned, revised_map
+from signid.recording.mapping import Turned, revised_map
 from signid.robot import load_robot
 from signid.servo.identify.run import zero_flags
 from signid.servo.zeros import JointZero

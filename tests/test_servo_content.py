@@ -13,7 +13,7 @@ from servo_loops import SWING, driven, pendulum
 
 import signid
 from signid.cli import run
-from signid.faults.commands.rows import content_rate, content_rows
+from signid.faults.commands.response import content_rate, content_rows
 from signid.servo.identify import ServoIdentification, ServoOptions
 from signid.servo.simulate import simulate_servos
 from signid.types import Array

@@ -11,7 +11,7 @@ from test_recording import arm
 
 import signid
 from signid.errors import RecordingError, RobotError
-from signid.recording.names.match import guess
+from signid.recording.match import guess
 from signid.recording.read import read_bare
 from signid.recording.reading import draft_map
 from signid.types import Array, Robot

@@ -189,7 +189,7 @@ def under_gravity(options: Given, paths: Iterable[str] | None, columns: str | No
     Raises:
         RecordingError: a reading cannot be read.
     """
-    from ..recording.names.mapping import read_map
+    from ..recording.mapping import read_map
     from ..recording.source import reading_beside
 
     files = (columns or reading_beside(path) for path in paths or ())

@@ -314,7 +314,10 @@ def _undone(evidence: FaultEvidence, trial: _Trial) -> tuple[Signals, Indices]:
     if trial.kind == "reversed time":
         return x._replace(v=-x.v, direction=-x.direction), rows
     if trial.kind == "long lag":
-        return _late(evidence, value)
+        pairs = list(zip(evidence.torques, evidence.moments, strict=True))
+        known = np.concatenate([(t + value >= c.t[0]) & (t + value <= c.t[-1]) for c, t in pairs])
+        rows = np.flatnonzero(known)
+        return x._replace(torque=np.concatenate([curve.at(t + value) for curve, t in pairs])).rows(rows), rows
     ends = np.cumsum([len(t) for t in evidence.moments])
     back = np.concatenate([np.arange(e - len(t), e)[::-1] for t, e in zip(evidence.moments, ends, strict=True)])
     if trial.kind == "reversed torque":
@@ -339,14 +342,6 @@ def _moved(evidence: FaultEvidence, q: Array, v: Array, a: Array) -> Signals:
     """Signals with other motion; q, v, a: (K, n) [rad or m, and per s and s2]."""
     motion = Motion(evidence.robot, np.concatenate(evidence.moments), q, v, a)
     return evidence.plain._replace(v=v, a=a, predicted=evidence.model.inverse(motion))
-
-
-def _late(evidence: FaultEvidence, lag: float) -> tuple[Signals, Indices]:
-    """Signals of the rows for which torque is known when it is late by a lag [s]."""
-    pairs = list(zip(evidence.torques, evidence.moments, strict=True))
-    rows = np.flatnonzero(np.concatenate([(t + lag >= c.t[0]) & (t + lag <= c.t[-1]) for c, t in pairs]))
-    torque = np.concatenate([curve.at(t + lag) for curve, t in pairs])
-    return evidence.plain._replace(torque=torque).rows(rows), rows
 
 
 def distortion_fault(found: Distortion, joints: Sequence[str], blocks: int) -> RecordingFault:

@@ -163,7 +163,12 @@ def _look(case: Case) -> None:
     case.found += judge_samples(parts, robot)
     if (evidence := case.compared) is not None:
         case.found += judge_standstills(evidence, parts)
-        case.found += _lost_signs(case, evidence) if case.sound else ()
+        if case.sound and (lost := absolute_torques(evidence, parts)).any():  # compared by their size from here on
+            case.evidence = replace(evidence, signed=evidence.signed & ~lost)
+            joints = tuple(robot.joints[j] for j in np.flatnonzero(lost))
+            fact = f"the torque of {named(joints)} is never negative although the predicted torque changes its sign"
+            advice = "these are absolute values: name the columns abs_tau_JOINT, or use --unsigned"
+            case.found.append(RecordingFault("absolute torque", joints, REFUSE, {}, f"{fact}; {advice}"))
     if case.sound and not (amount := judge_amount(session, case.used)).enough:
         case.found.append(amount_fault(amount, len(robot.joints)))
     if case.compared is not None:
@@ -174,32 +179,18 @@ def _look(case: Case) -> None:
         return
     case.found += [f for f in judge_limits(case.compared, parts, robot) if f.joints[0] not in _caused(case)]
     if case.compared is not None and not _caused(case):
-        case.found += _excitation(case)
-
-
-def _lost_signs(case: Case, evidence: FaultEvidence) -> Iterator[RecordingFault]:
-    """Absolute torque in columns of signed torque; it is compared by its size alone from here on."""
-    if (lost := absolute_torques(evidence, case.parts)).any():
-        case.evidence = replace(evidence, signed=evidence.signed & ~lost)
-        joints = tuple(evidence.robot.joints[j] for j in np.flatnonzero(lost))
-        fact = f"the torque of {named(joints)} is never negative although the predicted torque changes its sign"
-        advice = "these are absolute values: name the columns abs_tau_JOINT, or use --unsigned"
-        yield RecordingFault("absolute torque", joints, REFUSE, {}, f"{fact}; {advice}")
+        if (excitation := case.excitation) is None:
+            factors = session.reduce(session.train)
+            excitation = judge_excitation(session.task, factors, estimate(factors, session.task.base))
+        measures = {"share": float(excitation.shares[0]) if len(excitation.shares) else 0.0}
+        for sentence in excitation.sentences:
+            case.found.append(RecordingFault("excitation", excitation.resting, WARN, measures, sentence))
 
 
 def _caused(case: Case) -> set[str]:
     """Joints with a fault that can be the cause of others."""
     robot = case.session.robot
     return {joint for f in case.found if f.kind in CAUSES for joint in f.joints or robot.joints}
-
-
-def _excitation(case: Case) -> Iterator[RecordingFault]:
-    found, session = case.excitation, case.session
-    if found is None:
-        factors = session.reduce(session.train)
-        found = judge_excitation(session.task, factors, estimate(factors, session.task.base))
-    measures = {"share": float(found.shares[0]) if len(found.shares) else 0.0}
-    yield from (RecordingFault("excitation", found.resting, WARN, measures, text) for text in found.sentences)
 
 
 class Mounted(NamedTuple):

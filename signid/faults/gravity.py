@@ -199,8 +199,10 @@ def _best(evidence: FaultEvidence, informative: Mask, given: Array, columns: Arr
     if min(scores) > stated - PROMISING:
         return None
     direction, left = descend(score, starts[int(np.argmin(scores))], _around, STEPS)
-    axis = _axis(direction)
-    return size * (axis if axis.any() and score(axis) <= left + SNAP else direction) + 0.0
+    largest = int(np.argmax(np.abs(direction)))
+    axis = np.sign(direction[largest]) * np.eye(3)[largest]  # of the root link
+    near = _angle(direction, axis) <= AXIS and axis.any()
+    return size * (axis if near and score(axis) <= left + SNAP else direction) + 0.0
 
 
 def _around(direction: Array, angle: float) -> list[Array]:
@@ -208,13 +210,6 @@ def _around(direction: Array, angle: float) -> list[Array]:
     across = np.linalg.svd(direction[None])[2][1:]
     sides = (across[0], -across[0], across[1], -across[1])
     return [np.cos(angle) * direction + np.sin(angle) * side for side in sides]
-
-
-def _axis(vector: Array) -> Array:
-    """Unit vector of the axis of the root link near a vector; zeros if there is none."""
-    largest = int(np.argmax(np.abs(vector)))
-    axis = np.sign(vector[largest]) * np.eye(3)[largest]
-    return np.asarray(axis if _angle(vector, axis) <= AXIS else np.zeros(3))
 
 
 def _angle(one: Array, other: Array) -> float:

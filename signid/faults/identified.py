@@ -73,6 +73,16 @@ class Delay(NamedTuple):
     scatter: float  # [1] mean square difference of the joints from it, in standard deviations; NaN for one joint
     gain: float  # [1] mean log ratio of the residual's variance without and with the delays
 
+    @property
+    def sentence(self) -> str:
+        """The flag."""
+        side = "late" if self.common > 0 else "early"
+        why = "two clocks or a filter" if self.common > 0 else "a command that acts later, or two clocks"
+        return (
+            f"the torque is recorded {1e3 * abs(self.common):.1f} ms {side} against the motion ({why}), which biases "
+            "friction and rotor inertias: record both with one clock, or run signid diagnose, which has a law for delays"
+        )
+
     def is_clear(self, negative: float) -> bool:
         """Whether it is large and certain enough for a flag; `negative`: share of negative viscous friction [1]."""
         if not MIN_FLAGGED_DELAY <= abs(self.common) <= MAX_LINEAR_DELAY or abs(self.common) < SIGNIFICANT * self.std:
@@ -100,7 +110,7 @@ def identification_flags(
     sentences += [f"{fault.sentence}; {NEXT}" for fault in faults]
     delay = None if any(fault.kind == "lag" for fault in faults) else estimate_delay(session, signed & moving)
     if delay is not None and delay.is_clear(_negative_viscosity(value, session.task)):
-        sentences.append(_delay_sentence(delay))
+        sentences.append(delay.sentence)
     before = judge_fit(session, *both, session.task.base.combination @ stated.values)
     sound = moving & np.array([not any(joint in fault.joints for fault in faults) for joint in fit.joints])
     torques = [np.array([joint.total, joint.whole[-1, -1]]) / max(joint.rows, 1) for joint in rows.train.joints]
@@ -164,15 +174,6 @@ def _holds(fault: RecordingFault, fit: Fit, lacks: Sequence[Lack]) -> bool:
     if any(x < YIELDS * (1 - claimed) for x in left):
         return False
     return fault.kind != "unexplained torque" or not all(r2[joint] >= MIN_R2 for joint in fault.joints)
-
-
-def _delay_sentence(delay: Delay) -> str:
-    side = "late" if delay.common > 0 else "early"
-    why = "two clocks or a filter" if delay.common > 0 else "a command that acts later, or two clocks"
-    return (
-        f"the torque is recorded {1e3 * abs(delay.common):.1f} ms {side} against the motion ({why}), which biases "
-        f"friction and rotor inertias: record both with one clock, or run signid diagnose, which has a law for delays"
-    )
 
 
 def estimate_delay(session: Session, signed: Mask) -> Delay | None:

@@ -15,7 +15,7 @@ from . import read_recording
 from .columns import converted, resolve, stated_units, unknown_joints_flag
 from .formats.base import About, MemoryTable
 from .joining import Files, JoinedFile, open_files
-from .names.mapping import DRIVE, TORQUES, ColumnMap, Heading, ParsedColumns, Signal, read_map, split
+from .mapping import DRIVE, TORQUES, ColumnMap, Heading, ParsedColumns, Signal, read_map, split
 from .sampling.clock import read_clock, rivals
 from .source import Opened, Source
 

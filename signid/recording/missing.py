@@ -14,9 +14,9 @@ from ..robot.dynamics import rigid_torque
 from ..types import Array, Indices, Recording, Robot, Table
 from .columns import Assignment
 from .formats.base import MemoryTable
-from .names.mapping import DerivedTable, Signal
-from .names.vocabulary import INTEGRAL
+from .mapping import DerivedTable, Signal
 from .sampling.clock import CHUNK, GAP, GAP_SECONDS, MAX_STEP, MIN_STEP, repair_stamps
+from .vocabulary import INTEGRAL
 
 SIGNALS = ("t", "q", "tau", "dq", "ddq", "q_des")
 PERIODS, SECONDS = 6.5, 0.05  # [periods], [s] holes that are no longer than both are short, too

@@ -18,17 +18,16 @@ from ..errors import OptionError, RecordingError, shorten, unexpected
 from ..robot import as_robot, resting
 from ..typed import typed
 from ..types import Array, Recording, Robot, ServoSamples, Table
-from .columns import Assignment, assign_columns, converted, stated_units, unit_caveats
+from .columns import UNSTATED, Assignment, assign_columns, converted, stated_units, unit_caveats
 from .formats import FORMATS, PICKLED
 from .formats.base import About
 from .formats.json_ import holds_samples
+from .mapping import TORQUES, ColumnMap, DerivedTable, ParsedColumns, Signal, read_heading, read_map, split
+from .match import guess
 from .missing import are_postures, at_rest, bridge, with_positions, with_repaired_stamps, without_dead_torques
-from .names.mapping import TORQUES, ColumnMap, DerivedTable, ParsedColumns, Signal, read_heading, read_map, split
-from .names.match import guess
 from .reading import commanded_torques, draft_reading, lacking_time
 from .sampling.clock import CHUNK, ask_for_time
 from .source import Opened, Source, columns_of, found_reading, open_source, reading_beside
-from .units import UNSTATED
 
 POSITIONS = ("q", "dq", "ddq", "q_des")
 PLAUSIBLE = {  # smallest and largest accepted value of columns of drives
@@ -107,7 +106,9 @@ def _read(source: Source, robot: Robot, mapping: ParsedColumns, unsigned: bool, 
     if mapping.heading.rate is None and not (time and time.mapped):
         used = {signal.column for signal in found.signals.values()}
         ask_for_time(opened.table, time.column if time else "", used, opened.name)
-    if mapping.heading.rate is None and _static(found, robot):
+    positions = tuple(column for j in range(len(robot.joints)) if (column := found.column("q", j)))
+    driven = positions and any(map(found.torque, range(len(robot.joints))))
+    if mapping.heading.rate is None and driven and are_postures(found.table, positions, found.column("t", 0)):
         named = {key: column for key, column in mapping.named.items() if key != "t"}
         mapping = mapping._replace(named=named, heading=mapping.heading._replace(rate=0.0))
         return _read(source, robot, mapping, unsigned, topics)
@@ -247,14 +248,6 @@ def _joints(found: Assignment, robot: Robot, opened: Opened) -> list[int]:
     else:
         return joints
     raise RecordingError(f"{opened.name} has no {lack}")
-
-
-def _static(found: Assignment, robot: Robot) -> bool:
-    """Whether rows with torque are postures at rest."""
-    joints = range(len(robot.joints))
-    positions = tuple(column for j in joints if (column := found.column("q", j)))
-    torque = positions and any(map(found.torque, joints))
-    return bool(torque) and are_postures(found.table, positions, found.column("t", 0))
 
 
 def _check_samples(table: Table, source: str, chosen: Mapping[str, tuple[str, ...]], torques: Sequence[str]) -> None:

@@ -10,25 +10,14 @@ import numpy as np
 
 from ..errors import RecordingError, UndecidedReading, one_line, readable, shorten
 from ..types import Array, Reading, Recording, Robot, ServoSamples, Table
+from .columns import UNSTATED, Noticed, noticed_units, time_unit
 from .formats.base import About
 from .joining import Files, open_files
-from .names.mapping import (
-    DRIVE,
-    TORQUES,
-    Heading,
-    MotorRange,
-    calibrated,
-    entry,
-    heading_lines,
-    quoted,
-    read_map,
-    split,
-)
-from .names.match import Guess, by_place_in_arm, guess, guess_columns, match_signals, pair_in_order
-from .names.vocabulary import Change, change_of, without_unit
+from .mapping import DRIVE, TORQUES, Heading, MotorRange, calibrated, entry, heading_lines, quoted, read_map, split
+from .match import Guess, by_place_in_arm, guess, guess_columns, match_signals, pair_in_order
 from .sampling.clock import increasing, numbers_of, rivals
 from .source import Opened, Source
-from .units import UNSTATED, Noticed, noticed_units, time_unit
+from .vocabulary import Change, change_of, without_unit
 
 CHECK = "CHECK"  # in the reason of a unit that the user is to check
 COMMAND = 0.999  # correlation of a torque with kp (q_des - q) - kd dq above which it is a command
@@ -200,7 +189,10 @@ def draft_map(
     unused = tuple(name for name in opened.table.columns if name not in used)
     lacking = tuple(_lacking(lines, opened, used))
     text = _text(opened.name, robot, lines, offered, spare=spare, unused=unused, lacking=lacking)
-    text += _missing([values[line.guess.column] for line in lines]) + SECTIONS
+    gaps = [np.isnan(values[line.guess.column]) for line in lines]
+    lost = np.asarray(np.any(gaps, axis=0)) if gaps else np.zeros(0, bool)
+    said = f"# {int(lost.sum())} of {len(lost)} rows lack a value: short holes are bridged\n" if lost.any() else ""
+    text += f"\n[missing]\n{said}# values = [-999]  # numbers that stand for a missing value\n{SECTIONS}"
     if stated := heading_lines(heading or Heading()):
         top, first, rest = text.partition("\n\n")
         text = "".join((top, "\n\n", "\n".join(stated), first, rest))
@@ -333,13 +325,6 @@ def _text(
     time = next((line for line in lines if line.kind == "t"), None)
     clock = f"time = {quoted(time.guess.column)}" if time else "# rate = 100  # [Hz] of rows without a column of time"
     return "\n".join([*out, "", "[clock]", clock, ""])
-
-
-def _missing(columns: Sequence[Array]) -> str:
-    """Section on missing values of columns (rows,), with the number of rows that lack one."""
-    lost = np.asarray(np.isnan(columns).any(axis=0)) if columns else np.zeros(0, bool)
-    said = f"# {int(lost.sum())} of {len(lost)} rows lack a value: short holes are bridged\n" if lost.any() else ""
-    return f"\n[missing]\n{said}# values = [-999]  # numbers that stand for a missing value\n"
 
 
 def _shared(lines: Sequence[MappedColumn]) -> Noticed | None:

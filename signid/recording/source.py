@@ -18,8 +18,8 @@ from ..errors import OptionError, RecordingError, UndecidedReading, readable, sh
 from ..types import Reading, Table
 from .formats import find_format
 from .formats.base import About, memory_table
-from .names.mapping import DerivedTable, Heading
-from .names.match import guess
+from .mapping import DerivedTable, Heading
+from .match import guess
 
 
 class Frame(Protocol):
@@ -72,8 +72,11 @@ def open_source(source: Source, topics: Sequence[str] = (), heading: Heading | N
     path = Path(source)
     if not path.is_file() and not path.is_dir():
         raise RecordingError(f"recording {path} does not exist; expected a file of samples")
-    name = readable(str(path))
-    return Opened(_whole_stamps(_table(path, topics, stated)), name, name, digest_of(path))
+    form, name, plain = find_format(path), readable(str(path)), stated == Heading()
+    if topics and not plain:
+        raise OptionError(f"{path} has topics, so it has neither lines before a header nor columns without names")
+    table = form.select(path, topics) if plain else form.open_headed(path, stated)
+    return Opened(_whole_stamps(table), name, name, digest_of(path))
 
 
 def _whole_stamps(table: Table) -> Table:
@@ -98,15 +101,6 @@ def _paced(table: Table, rate: float) -> Table:
     return found
 
 
-def _table(path: Path, topics: Sequence[str], heading: Heading) -> Table:
-    form = find_format(path)
-    if heading == Heading():
-        return form.select(path, topics)
-    if topics:
-        raise OptionError(f"{path} has topics, so it has neither lines before a header nor columns without names")
-    return form.open_headed(path, heading)
-
-
 def digest_of(path: Path) -> str:
     """SHA-256 of a file; for a folder, of the list of its files in the format of sha256sum (`sha256  name`).
 
@@ -115,7 +109,12 @@ def digest_of(path: Path) -> str:
     """
     files = find_format(path).files(path) if path.is_dir() else [path]
     try:
-        digests = [_digest(file) for file in files]
+        digests = []
+        for file in files:
+            if file.exists() and not file.is_file():
+                raise OSError(EINVAL, "it is no regular file", str(file))
+            with file.open("rb") as stream:
+                digests.append(file_digest(stream, "sha256").hexdigest())
     except OSError as error:
         raise RecordingError(f"recording {path} cannot be read: {error.strerror}") from error
     if not path.is_dir():
@@ -170,13 +169,6 @@ def _numbers(series: Any) -> ArrayLike:
     if kind in ("b", "i", "u", "f"):
         return np.asarray(series.to_numpy(dtype=np.float64, na_value=np.nan))
     return np.asarray(series.to_numpy(dtype=object))
-
-
-def _digest(file: Path) -> str:
-    if file.exists() and not file.is_file():
-        raise OSError(EINVAL, "it is no regular file", str(file))
-    with file.open("rb") as stream:
-        return file_digest(stream, "sha256").hexdigest()
 
 
 def reading_beside(source: object, folder: str | Path | None = None) -> Path | None:

@@ -19,7 +19,7 @@ import numpy as np
 from ..errors import OptionError, RecordingError, readable
 from ..recording import as_recording, read_recording
 from ..recording.formats.json_ import parse_row
-from ..recording.names.mapping import ColumnMap
+from ..recording.mapping import ColumnMap
 from ..types import Array, Recording, Robot
 from .intake import StreamRows
 

@@ -19,7 +19,7 @@ from ..terminal import check_file
 if TYPE_CHECKING:
     from ...recording.convert import Conversion
     from ...recording.joining import Files
-    from ...recording.names.mapping import ColumnMap
+    from ...recording.mapping import ColumnMap
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,7 +71,7 @@ def convert(
         OptionError: the result has the name of a file to convert, or no reading is drafted with the calibration.
     """
     from ...recording.convert import convert as read
-    from ...recording.names.mapping import read_calibration, read_heading
+    from ...recording.mapping import read_calibration, read_heading
     from ...recording.reading import draft_reading
     from ...recording.source import reading_beside, reading_path
     from ..files import deliver
@@ -140,7 +140,7 @@ def _files(sources: list[str], conversion: ConvertOptions) -> Files:
 
 def _units(texts: list[str] | tuple[()]) -> dict[str, str]:
     """Units by kind of column."""
-    from ...recording.names.vocabulary import OF
+    from ...recording.vocabulary import OF
 
     units: dict[str, str] = {}
     for text in texts:

@@ -58,7 +58,7 @@ def revised_columns(
 ) -> tuple[dict[str, Content], tuple[str, ...]]:
     """columns.toml with the signs and zeros that are decided; if it cannot be written, a note with the reason."""
     from ...output.report import check_foreign
-    from ...recording.names.mapping import Turned, revised_map
+    from ...recording.mapping import Turned, revised_map
 
     turned = {one.joint: Turned(one.sign, one.zero or 0.0) for one in result.zeros if one.changed and one.decided}
     if not turned or output is None:

@@ -14,8 +14,7 @@ import numpy as np
 from ...types import Array, Recording
 from ..channels import TINY, Column, judge_columns, true_runs
 from ..result import JointAudit
-from .response import MAX_SHIFT, Response, best_shift
-from .rows import Grid, Part, RowClock, joined
+from .response import MAX_SHIFT, Grid, Part, Response, RowClock, best_shift, joined
 
 JUMP = 3.0  # steps of the encoder that count as motion between two rows
 FULL = 0.98  # duty that counts as saturated

@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from ...errors import one_line
 from ...model import Model
-from ...recording.names.mapping import quoted
+from ...recording.mapping import quoted
 from ...robot.joints import name_pattern
 from ...servos import MARK_KEYS, PASSIVE_LAWS, SERVO_NUMBERS, SERVO_UNITS, Servo, servos_document
 from ...types import Actuators, Array

@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike
 
 from ...errors import OptionError, RecordingError, shorten
 from ...types import Array, Table
-from ..names.mapping import Heading
-from ..names.match import guess
+from ..mapping import Heading
+from ..match import guess
 
 MOST_DEPTH = 20  # groups inside each other
 NUMBERS, DATES = "biuf", "mM"  # kinds of data types

@@ -23,8 +23,8 @@ import polars as pl
 
 from ...errors import RecordingError, shorten
 from ...types import Array, Table
-from ..names.mapping import Heading, split
-from ..names.vocabulary import bracketed, unit_row
+from ..mapping import Heading, split
+from ..vocabulary import bracketed, unit_row
 from .base import MAX_UNPACKED, MOST_COLUMNS, About, Format, MemoryTable, free_memory, hushed, require_memory
 
 MOST_LINE = 1_000_000  # length of a line [bytes]
@@ -69,7 +69,14 @@ class Csv(Format):
             if layout.separator == BLANK:
                 content = re.sub(rb"[ \t]{2,}|\t", b" ", content)  # one blank for several, and none at ends of lines
                 content = content.replace(b"\n ", b"\n").replace(b" \n", b"\n").replace(b" \r\n", b"\r\n").strip(b" ")
-                _check_width(path, content, layout)
+                rows = islice(io.BytesIO(content), layout.skip, None)
+                for number, line in enumerate(
+                    rows, layout.skip + 1
+                ):  # nobody knows which cell of a short line is missing
+                    cells, width = len(line.split()), len(layout.names)
+                    if line.strip() and not line.startswith(b"#") and cells < width and b'"' not in line:
+                        fault = f"has {cells} cells in line {number}, but {width} columns separated by blanks"
+                        raise RecordingError(f"{path} {fault}; write nan for a missing value, or correct that line")
             about = About(layout.notes)
             frame = _parse(content, layout, pl.Float64)
         except BROKEN:
@@ -133,15 +140,6 @@ def _long_line(content: bytes) -> int:
             return content.count(b"\n", 0, place)
         place = end + 1
     return 0
-
-
-def _check_width(path: Path, content: bytes, layout: TextLayout) -> None:
-    """Refuse a table separated by blanks in which a line is shorter: nobody knows which of its cells is missing."""
-    width = len(layout.names)
-    for number, line in enumerate(islice(io.BytesIO(content), layout.skip, None), layout.skip + 1):
-        if line.strip() and not line.startswith(b"#") and len(line.split()) < width and b'"' not in line:
-            fault = f"{path} has {len(line.split())} cells in line {number}, but {width} columns separated by blanks"
-            raise RecordingError(f"{fault}; write nan for a missing value, or correct that line")
 
 
 def _parse(content: bytes, layout: TextLayout, kind: type[pl.DataType]) -> pl.DataFrame:

@@ -49,7 +49,9 @@ def open_hdf5(path: Path) -> Table:
                 if "MATLAB_object_decode" in dataset.attrs:
                     objects.append(f"{_kind(dataset)} {name}")
                     continue
-                numbers = _holds_numbers(dataset)
+                elsewhere = dataset.is_virtual or dataset.external
+                other = dataset.shape is None or dataset.dtype.hasobject or _kind(dataset) in TEXTS
+                numbers = not (elsewhere or other)
                 size += dataset.size * dataset.dtype.itemsize if numbers else 0
                 require_memory(path, TIMES * size)
                 value = np.asarray(dataset[()]) if numbers else ""  # MATLAB has no vectors, but matrices of one row
@@ -104,12 +106,6 @@ def _kind(dataset: Any) -> str:
     """Class of a variable of MATLAB, "" without one."""
     kind = dataset.attrs.get("MATLAB_class", b"")
     return kind.decode("utf-8", "replace") if isinstance(kind, bytes) else str(kind)
-
-
-def _holds_numbers(dataset: Any) -> bool:
-    """Whether an array is one of numbers in this file."""
-    elsewhere = dataset.is_virtual or dataset.external
-    return not (elsewhere or dataset.shape is None or dataset.dtype.hasobject or _kind(dataset) in TEXTS)
 
 
 PLUGIN = Hdf5()

@@ -12,7 +12,7 @@ import polars as pl
 from ...errors import RecordingError, shorten
 from ...toml_json import read_json
 from ...types import Array, Table
-from ..names.vocabulary import VOCABULARY
+from ..vocabulary import VOCABULARY
 from .base import BROKEN, About, Format, MemoryTable, hushed, require_memory
 
 MEASURED = ("velocity", "effort", "torque", "current", "pwm", "voltage", "temperature")
@@ -94,8 +94,11 @@ def _table(path: Path, frame: pl.DataFrame, info: Mapping[str, Any]) -> MemoryTa
     for feature in KINDS:
         if feature in frame.columns:
             values = _matrix(path, frame[feature])
-            names = _names(feature, values.shape[1], info)
-            if not names:
+            names = info["features"].get(feature, {}).get("names")
+            while isinstance(names, Mapping):
+                names = next(iter(names.values()), None)
+            listed = isinstance(names, list) and all(isinstance(name, str) for name in names)
+            if not names or not listed or len(names) != values.shape[1]:
                 names = [str(k + 1) for k in range(values.shape[1])]
                 notes += (f"{feature} has no names in meta/info.json: assigned to joints 1 to {len(names)} in turn",)
             for name, value in zip(names, values.T, strict=True):
@@ -152,15 +155,6 @@ def _matrix(path: Path, series: pl.Series) -> Array:
     if len(sizes) != 1 or not sizes[0]:
         raise RecordingError(f"{path}: {series.name} holds lists of different lengths; correct the dataset")
     return np.asarray(lists.list.to_array(sizes[0]).to_numpy()).reshape(-1, sizes[0])
-
-
-def _names(feature: str, size: int, info: Mapping[str, Any]) -> list[str]:
-    """Names of the values of a feature; empty if the description has none."""
-    names = info["features"].get(feature, {}).get("names")
-    while isinstance(names, Mapping):
-        names = next(iter(names.values()), None)
-    fits = isinstance(names, list) and len(names) == size and all(isinstance(name, str) for name in names)
-    return list(names) if fits else []
 
 
 def _column(kind: str, name: str) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...errors import OptionError, RecordingError
 from ...types import Table
-from ..names.mapping import Heading
+from ..mapping import Heading
 from .base import Format, memory_table, require_memory
 
 

@@ -17,8 +17,8 @@ import numpy as np
 
 from ...errors import RecordingError, shorten
 from ...types import Array, Table
-from ..names.vocabulary import WORDS
 from ..streams import WRAP, Stamps, TimedColumns, at_times, plural
+from ..vocabulary import WORDS
 from .base import About, Format, MemoryTable, Topic, memory_limited
 
 MAX_TOPIC_ITEMS = 1000  # maximum number of joints, lists of joints, or kinds of values, in a topic
@@ -183,7 +183,15 @@ def join(gathered: Sequence[Gather], topics: Sequence[Topic], source: str) -> Me
     notes: list[str] = []
     only_plans = all(gather.plans for gather in gathered)
     streams = [stream for gather in gathered for stream in _streams(gather, by_header, only_plans, notes)]
-    base = _base(streams, source)
+    mains: dict[str, TimedColumns] = {}  # the fullest stream with positions or torques, by topic
+    for stream in streams:
+        if any(name.startswith(("q_", "tau_")) and not name.startswith("q_des_") for name in stream.columns):
+            mains[stream.topic] = max(mains.get(stream.topic, stream), stream, key=lambda main: main.weight)
+    if not mains:
+        raise RecordingError(f"{source}: the topics have no position and no torque; name other topics")
+    if len(mains) > 1 and (single := [topic for topic, stream in mains.items() if len(stream.t) < 2]):
+        raise RecordingError(f"{source}: topic {single[0]} has a single reading and cannot be joined to another")
+    base = max(mains.values(), key=lambda main: main.period)
     others = [stream for stream in streams if stream is not base]
     columns, inside = at_times(base, others, notes, slower=False)
     t = base.t[inside]
@@ -272,19 +280,6 @@ def _in_order(
     if repeated := int(np.sum(~fresh)):
         notes.append(f"{gather.topic}: {plural(repeated, 'message')} with the time of the previous one: omitted")
     return t[fresh], rows[fresh]
-
-
-def _base(streams: Sequence[TimedColumns], source: str) -> TimedColumns:
-    """Slowest of the main streams of topics with positions or torques."""
-    mains: dict[str, TimedColumns] = {}
-    for stream in streams:
-        if any(name.startswith(("q_", "tau_")) and not name.startswith("q_des_") for name in stream.columns):
-            mains[stream.topic] = max(mains.get(stream.topic, stream), stream, key=lambda each: each.weight)
-    if not mains:
-        raise RecordingError(f"{source}: the topics have no position and no torque; name other topics")
-    if len(mains) > 1 and (single := [topic for topic, stream in mains.items() if len(stream.t) < 2]):
-        raise RecordingError(f"{source}: topic {single[0]} has a single reading and cannot be joined to another")
-    return max(mains.values(), key=lambda each: each.period)
 
 
 PARTS = (".db3", ".mcap", ".zstd", ".yaml")  # suffixes of the files in a bag folder

@@ -169,16 +169,12 @@ def _misfit(robot: Robot, stretches: list[TimedRows], clock: int, period: float)
     left = []
     for j in np.flatnonzero(np.isfinite(y).all(axis=0)):
         friction = np.column_stack([v[:, j], np.sign(v[:, j]), a[:, j], np.ones(len(v))])
-        left.append(_residual(np.hstack([bodies[:, j].reshape(len(v), -1), friction]), y[:, j]))
+        columns = np.hstack([bodies[:, j].reshape(len(v), -1), friction])
+        size = np.linalg.norm(columns, axis=0)
+        basis, values, _ = np.linalg.svd(columns[:, size > 0] / size[size > 0], full_matrices=False)
+        basis = basis[:, values > RANK * values[0]]
+        left.append(y[:, j] - basis @ (basis.T @ y[:, j]))
     return np.square(left).T if left else np.empty((len(y), 0))
-
-
-def _residual(columns: Array, y: Array) -> Array:
-    """Residual (W,) of the least-squares fit of y (W,) by columns (W, c)."""
-    size = np.linalg.norm(columns, axis=0)
-    basis, values, _ = np.linalg.svd(columns[:, size > 0] / size[size > 0], full_matrices=False)
-    basis = basis[:, values > RANK * values[0]]
-    return np.asarray(y - basis @ (basis.T @ y))
 
 
 def _polynomials(t: Array, x: Array, width: int, step: int, degree: int) -> tuple[Array, Array]:

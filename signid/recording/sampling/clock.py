@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ...errors import RecordingError
 from ...types import Array, Recording, Table
-from ..names.vocabulary import kinds_of
+from ..vocabulary import kinds_of
 
 CHUNK = 65_536  # rows
 PIECES = 16  # number of equally spaced chunks that determine the period

@@ -47,6 +47,13 @@ class Stretch(Frozen):
     row: float = 0.0  # [rows] of its first row from that of the first stretch, where `Sampling.content` is not None
     offset: float = 0.0  # [rows] of its first sample from its first row, where `Sampling.content` is not None
 
+    @property
+    def span(self) -> Span:
+        """Rows of the used part; approximate for nonuniform sampling."""
+        rows = self.stop - self.start
+        low, high = (round(rows * k / self.size) for k in (self.first, self.first + self.count))
+        return self.start + low, self.start + high
+
     def part(self, low: int, high: int) -> Stretch:
         """Samples low..high of this stretch."""
         return replace(self, first=self.first + low, count=high - low)
@@ -199,7 +206,12 @@ def samples(recording: Recording, sampling: Sampling, span: Span, start: int, st
     blocks = np.searchsorted(stretch.stamps, t[[0, -1]], side="right") - 1
     first, last = max(0, blocks[0] * STRIDE - 1), min(stretch.kept, (blocks[1] + 1) * STRIDE + 2)
     rows = _rows(recording, sampling, stretch, first, last)
-    return _interpolate(rows, t, ~recording.signed)._replace(origin=sampling.origin)
+    signals, n = [x for x in rows[1:6] if x is not None], rows.q.shape[1]
+    linear = np.zeros(n * len(signals), bool)
+    linear[n : 2 * n] = ~recording.signed
+    values = _hermite(rows.t, np.concatenate(signals, axis=1), t, linear)
+    parts = iter(np.split(values, len(signals), axis=1))
+    return Samples._make([t, *(None if x is None else next(parts) for x in rows[1:6]), sampling.origin, None])
 
 
 def row_reader(recording: Recording, sampling: Sampling, stretch: Stretch) -> Callable[[int, int], Samples]:
@@ -263,16 +275,6 @@ def _unwrap(found: Samples, sampling: Sampling, rows: NDArray[np.intp], start: i
     return found._replace(q=q, q_des=np.where(sampling.turns.any(axis=0), nearest, found.q_des))
 
 
-def _interpolate(rows: Samples, t: Array, unsigned: NDArray[np.bool_]) -> Samples:
-    signals = [x for x in rows[1:6] if x is not None]
-    n = rows.q.shape[1]
-    linear = np.zeros(n * len(signals), bool)
-    linear[n : 2 * n] = unsigned
-    values = _hermite(rows.t, np.concatenate(signals, axis=1), t, linear)
-    parts = iter(np.split(values, len(signals), axis=1))
-    return Samples._make([t, *(None if x is None else next(parts) for x in rows[1:6]), rows.origin, None])
-
-
 def _hermite(stamps: Array, y: Array, t: Array, linear: NDArray[np.bool_]) -> Array:
     """Interpolated values (M, c) at the times t (M,) of signals y (N, c) at the stamps (N,); N > 2."""
     h = np.diff(stamps)[:, None]
@@ -291,7 +293,7 @@ def _hermite(stamps: Array, y: Array, t: Array, linear: NDArray[np.bool_]) -> Ar
 
 def _restrict(sampling: Sampling, stretches: Sequence[Stretch]) -> Sampling:
     """Restrict a sampling to parts of its stretches, in their order."""
-    spans = tuple(_span(stretch) for stretch in stretches)
+    spans = tuple(stretch.span for stretch in stretches)
     return replace(
         sampling,
         spans=spans,
@@ -299,13 +301,6 @@ def _restrict(sampling: Sampling, stretches: Sequence[Stretch]) -> Sampling:
         rows=sum(stop - start for start, stop in spans),
         duration=sum((stretch.count - 1) * sampling.period for stretch in stretches),
     )
-
-
-def _span(stretch: Stretch) -> Span:
-    """Rows of the used part of a stretch; approximate for nonuniform sampling."""
-    rows = stretch.stop - stretch.start
-    low, high = (round(rows * k / stretch.size) for k in (stretch.first, stretch.first + stretch.count))
-    return stretch.start + low, stretch.start + high
 
 
 @dataclass(frozen=True, eq=False)
@@ -338,7 +333,9 @@ def find_content(read: Read, kept: int) -> Mapping[str, tuple[Knots | None, ...]
         own: list[Knots | None] = [None] * x.shape[1]
         for j, knots in zip(np.flatnonzero(complete).tolist(), find_knots(x[:, complete]), strict=True):
             own[j] = None if knots is None else _confirmed(knots.moved(start), name, j, read, kept)
-        found[name] = _shared(own)
+        for j, knots in enumerate(own):  # nearly equal ones become those of the first
+            own[j] = next((other for other in own[:j] if other and knots and other.near(knots)), knots)
+        found[name] = tuple(own)
     return found if any(any(found[key]) for key in BOUND) else None
 
 
@@ -348,15 +345,6 @@ def _confirmed(knots: Knots, name: str, joint: int, read: Read, kept: int) -> Kn
     starts = np.unique(np.linspace(0, kept - length, min(BLOCKS, kept // length)).astype(int)).tolist()
     starts.sort(key=lambda k: abs(k - (kept - length) // 2))  # from the middle outwards
     return same_knots(knots, [(k, getattr(read(k, k + length), name)[:, joint]) for k in starts], KNOT_BLOCKS_SHARE)
-
-
-def _shared(columns: Sequence[Knots | None]) -> tuple[Knots | None, ...]:
-    """Knots of columns of one signal; nearly equal ones become those of the first."""
-    found: list[Knots | None] = []
-    for knots in columns:
-        alike = (other for other in found if other and knots and other.near(knots))
-        found.append(next(alike, knots))
-    return tuple(found)
 
 
 def widest(knots: Mapping[str, tuple[Knots | None, ...]]) -> Knots:
@@ -465,15 +453,12 @@ def _knot_values(knots: Knots, read: Callable[[int, int], Array], kept: int, low
         inside = floor((knots.step - 1) / 2) if knots.kind == HELD else 0  # ticks may come a row too late
         rows = np.clip(np.ceil(at - EXACT).astype(int) + inside, 0, kept - 1)
         return np.asarray(read(int(rows[0]), int(rows[-1]) + 1)[rows - rows[0]])
-    return np.concatenate(list(_fitted(knots, read, kept, low, high)))
-
-
-def _fitted(knots: Knots, read: Callable[[int, int], Array], kept: int, low: int, high: int) -> Iterator[Array]:
-    """Values at the knots low..high from least-squares splines on fixed blocks of knots."""
+    values = []  # from least-squares splines on fixed blocks of knots
     for block in range(low // LENGTH, high // LENGTH + 1):
         first, last = max(low, block * LENGTH), min(high, (block + 1) * LENGTH - 1)
         begin = max(0, floor(knots.phase + knots.step * (block * LENGTH - PAD)))
         end = min(kept, ceil(knots.phase + knots.step * ((block + 1) * LENGTH + PAD)))
         y = read(begin, end)
         u = np.arange(begin, begin + len(y), dtype=float)
-        yield spline_values(u, y, knots, np.asarray(knots.phase + knots.step * np.arange(first, last + 1)))
+        values.append(spline_values(u, y, knots, np.asarray(knots.phase + knots.step * np.arange(first, last + 1))))
+    return np.concatenate(values)

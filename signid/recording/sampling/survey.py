@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from ...errors import RecordingError
 from ...types import Array, Recording, Robot, Samples
-from ..names.vocabulary import INTEGRAL
 from ..streams import plural
+from ..vocabulary import INTEGRAL
 from .accumulate import Accumulator, register_spans
 from .choice import Choice, choose_clock
 from .clock import CHUNK, MAX_REPEATED_SHARE, Clock, likely_unit, read_clock, time_origin
@@ -244,7 +244,12 @@ def faults(facts: Facts) -> Iterator[str]:
         unit = likely_unit(clock.period)
         yield f"time steps by {clock.period:g}, which is too slow for seconds; it looks like {unit}: convert it"
     yield from _dead_torques(facts)
-    yield from _implausible(facts)
+    total, columns = facts.accumulated.total, facts.recording.columns
+    sizes = np.maximum(np.abs(total.lower), np.abs(total.upper)), np.sqrt(total.power / total.samples)
+    for key, size in zip(("q", "tau"), sizes, strict=True):
+        for column, reached in zip(columns[key], size, strict=True):
+            if column and not reached < HUGE:
+                yield f"column {column!r} reaches {reached:.3g}, an implausible value; check the column and its unit"
 
 
 def _degrees(facts: Facts) -> Iterator[str]:
@@ -274,15 +279,6 @@ def _dead_torques(facts: Facts) -> Iterator[str]:
             yield f"column {column!r} is constant although {joint} moves; record its torque, or remove the column"
 
 
-def _implausible(facts: Facts) -> Iterator[str]:
-    total, columns = facts.accumulated.total, facts.recording.columns
-    sizes = np.maximum(np.abs(total.lower), np.abs(total.upper)), np.sqrt(total.power / total.samples)
-    for key, size in zip(("q", "tau"), sizes, strict=True):
-        for column, reached in zip(columns[key], size, strict=True):
-            if column and not reached < HUGE:
-                yield f"column {column!r} reaches {reached:.3g}, an implausible value; check the column and its unit"
-
-
 def notes(facts: Facts) -> Iterator[str]:
     """Notes on a usable recording, one sentence each."""
     accumulated, rows = facts.accumulated, len(facts.recording)
@@ -310,7 +306,10 @@ def notes(facts: Facts) -> Iterator[str]:
         stretches = "1 stretch" if accumulated.short == 1 else f"{accumulated.short} stretches"
         yield f"{stretches} shorter than 8 samples or 0.5 s omitted"
     yield from _joint_notes(facts)
-    yield from _dead_derivatives(facts)
+    for key, word in (("dq", "velocities"), ("ddq", "accelerations")):
+        columns = zip(facts.recording.columns.get(key, ()), facts.moves, strict=False)
+        if dead := [name for name, moves in columns if moves and name in facts.dead]:
+            yield f"{', '.join(dead)}: zero throughout although the joints move; {word} are computed from positions"
 
 
 def _joint_notes(facts: Facts) -> Iterator[str]:
@@ -330,11 +329,3 @@ def _joint_notes(facts: Facts) -> Iterator[str]:
         if j in wraps:
             by = "full turns" if abs(spans[j] - 2 * np.pi) < 1e-9 else f"{spans[j]:.5g} {unit}"
             yield f"column {column} wraps around by {by}: unwrapped"
-
-
-def _dead_derivatives(facts: Facts) -> Iterator[str]:
-    """Recorded velocities and accelerations that are zero while their joints move."""
-    for key, word in (("dq", "velocities"), ("ddq", "accelerations")):
-        columns = zip(facts.recording.columns.get(key, ()), facts.moves, strict=False)
-        if dead := [name for name, moves in columns if moves and name in facts.dead]:
-            yield f"{', '.join(dead)}: zero throughout although the joints move; {word} are computed from positions"

@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from ...deadline import ends_in_time, time_is_up
 from ...errors import shorten
 from ...faults.commands import audit_flags
-from ...faults.commands.rows import content_rate
+from ...faults.commands.response import content_rate
 from ...model import Model, ModelSource, as_model, command_model
 from ...recording import Recordings, as_recordings
 from ...regression.session import only_once

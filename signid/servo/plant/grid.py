@@ -15,7 +15,7 @@ from numba import njit
 from numpy.typing import ArrayLike
 
 from ...errors import RecordingError
-from ...faults.commands.rows import content_rows
+from ...faults.commands.response import content_rows
 from ...servos import ServoGrid
 from ...types import Array, Mask, Recording, Robot
 

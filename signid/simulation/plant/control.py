@@ -12,7 +12,7 @@ from ...effects.base import BodyLaw
 from ...errors import InputError, OptionError, RecordingError, unexpected
 from ...model import Model, ModelSource, as_model, torque_model
 from ...recording.columns import assign_columns
-from ...recording.names.mapping import read_map
+from ...recording.mapping import read_map
 from ...recording.source import Source, open_source
 from ...regression.motion import Motion
 from ...robot import configuration

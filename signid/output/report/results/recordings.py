@@ -12,7 +12,7 @@ from rich.console import RenderableType
 
 from ....errors import shorten
 from ....recording.gallery import DataSet, is_complete
-from ....recording.names.mapping import split
+from ....recording.mapping import split
 from ....types import Input
 from ....version import __version__
 from ..documents import Document, ending, picked

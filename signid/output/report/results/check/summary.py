@@ -13,7 +13,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from .....errors import shorten
-from .....recording.units import UNSTATED
+from .....recording.columns import UNSTATED
 from .....types import Recording, StatedUnit
 from ...documents import Document
 from ...layout import heading, new_table, paragraph, plural

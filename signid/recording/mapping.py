@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...errors import OptionError, RecordingError, shorten
-from ...toml_json import read_json, read_toml
-from ...types import Array, Table
+from ..errors import OptionError, RecordingError, shorten
+from ..toml_json import read_json, read_toml
+from ..types import Array, Table
 from .vocabulary import OF, Change, bracketed, change_of
 
 KINDS = tuple("abs_current abs_tau current dq_des tau_ff q_des volt temp pwm ddq tau dq on q".split())  # longest first
@@ -328,7 +328,12 @@ def revised_map(
                     current = kind == "tau" and names[1].startswith("current_")
                     key = key or f"{'current' if current else kind}_{joint}"
                     entries[key] = entry(key, column, _changed(parsed, key, column, turned[joint]))
-    return "\n".join([*heading_lines(parsed.heading), *entries.values(), *_tables(parsed)]) + "\n"
+    lines = [*heading_lines(parsed.heading), *entries.values()]
+    lines += [f"joints = {quoted('*'.join(parsed.pattern))}"] if parsed.pattern else []
+    tokens = {joint: token for token, joint in parsed.joints.items()}
+    for title, table in (("joints", tokens), ("units", parsed.units)):
+        lines += [f"\n[{title}]", *(f"{key_of(key)} = {quoted(text)}" for key, text in table.items())] if table else []
+    return "\n".join(lines) + "\n"
 
 
 def _changed(parsed: ParsedColumns, key: str, column: str, turned: Turned) -> Change:
@@ -347,18 +352,6 @@ def entry(key: str, column: str, own: str | Change) -> str:
         return f"{key_of(key)} = {{ column = {quoted(column)}, {numbers} }}"
     unit = f", unit = {quoted(own)}" if own else ""
     return f"{key_of(key)} = {{ column = {quoted(column)}{unit} }}" if unit else f"{key_of(key)} = {quoted(column)}"
-
-
-def _tables(parsed: ParsedColumns) -> Iterator[str]:
-    """The pattern or table of joints, and the units, as in the map that was read."""
-    if parsed.pattern:
-        yield f"joints = {quoted('*'.join(parsed.pattern))}"
-    if parsed.joints:
-        yield "\n[joints]"
-        yield from (f"{key_of(joint)} = {quoted(token)}" for token, joint in parsed.joints.items())
-    if parsed.units:
-        yield "\n[units]"
-        yield from (f"{kind} = {quoted(unit)}" for kind, unit in parsed.units.items())
 
 
 def heading_lines(heading: Heading) -> list[str]:

@@ -10,8 +10,8 @@ from unicodedata import combining, normalize
 
 import numpy as np
 
-from ...errors import RecordingError, shorten
-from ...types import Array
+from ..errors import RecordingError, shorten
+from ..types import Array
 
 Units = Mapping[str, tuple[float, float]]  # numerator and denominator of the factor by unit
 TIME: Units = {"s": (1, 1), "ms": (1, 1e3), "us": (1, 1e6), "ns": (1, 1e9), "min": (60, 1), "h": (3600, 1)}

@@ -1,4 +1,8 @@
-"""Find data sets, or download them by pooch, convert and verify them: over HTTPS, or from this machine."""
+"""Public recordings of real robots: find data sets, or download, convert and verify them.
+
+Nothing is downloaded automatically: `fetch` asks pooch, over HTTPS or from this machine. `DATA` lists the data sets;
+other packages register theirs at the entry point `signid.data`.
+"""
 
 from __future__ import annotations
 
@@ -21,14 +25,14 @@ from zlib import error as ZlibError
 
 import numpy as np
 
-from ...errors import DownloadError, OptionError, RecordingError
-from ...registry import Registry
-from ...robot.locate import robots_folder
-from ...types import Array
-from ...version import __version__
+from ..errors import DownloadError, OptionError, RecordingError
+from ..registry import Registry
+from ..robot.locate import robots_folder
+from ..types import Array
+from ..version import __version__
 
 if TYPE_CHECKING:
-    from ...types import Progress
+    from ..types import Progress
 
 VARIABLE = "SIGNID_DATA"  # folder of downloaded recordings; by default data
 LOCAL = ("localhost", "127.0.0.1", "::1")
@@ -209,7 +213,7 @@ def _data_set(name: str, entry: dict[str, Any]) -> DataSet:
     return DataSet(name, products=tuple(products), carried=carried, **entry)
 
 
-_LISTED = tomllib.loads(Path(__file__).with_name("sets.toml").read_text(encoding="utf-8"))
+_LISTED = tomllib.loads(Path(__file__).with_name("gallery.toml").read_text(encoding="utf-8"))
 SETS = {name: _data_set(name, entry) for name, entry in _LISTED.items()}
 
 
@@ -220,7 +224,7 @@ class _Gallery(Registry[DataSet]):
         return SETS[name] if name in SETS else super().__getitem__(name)
 
 
-DATA = _Gallery("data", __package__, " ".join(SETS))
+DATA = _Gallery("data", __name__, " ".join(SETS))
 
 
 def data_folder() -> Path:

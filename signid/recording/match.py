@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...types import Robot
+from ..types import Robot
 from .mapping import DRIVE, split
 from .vocabulary import CLOCKS, OF, SPELLINGS, UNITS, VOCABULARY, Word, bracketed, without_unit, words_of
 
@@ -100,7 +100,13 @@ def match_signals(guesses: Sequence[Guess], robot: Robot) -> Iterator[tuple[str,
     """Signal names, such as q_elbow, and their columns, in the order of the columns; each signal once."""
     kinds = dict.fromkeys((one.kind, one.desired) for one in guesses if one.kind != "t")
     groups = {each: [one for one in guesses if (one.kind, one.desired) == each] for each in kinds}
-    zero = _begin_at_zero([[*dict.fromkeys(one.joint for one in own)] for own in groups.values()], robot)
+    numbers = set[int]()
+    for group in groups.values():
+        tokens = [*dict.fromkeys(column.joint for column in group)]
+        if len(numbered := _numbers(tokens, robot)) == len(tokens):
+            numbers |= {*numbered.values()}
+    # joints are numbered from zero if one number is zero, none is too large, and no joint is named so
+    zero = 0 in numbers and 0 not in last_numbers(robot) and max(_by_number(robot)) not in numbers
     joints = {each: _joints_of(own, robot, zero) for each, own in groups.items()}
     seen = set()
     for one in guesses:
@@ -268,16 +274,6 @@ def by_place_in_arm(tokens: Collection[str], robot: Robot) -> dict[str, str]:
     if sorted(places.values()) != [*range(len(robot.joints))] or len(places) < max(len(tokens), MIN_ARM_JOINTS):
         return {}
     return {token: _chain(robot)[place] for token, place in places.items()} if {*tokens} - {*robot.joints} else {}
-
-
-def _begin_at_zero(kinds: Sequence[Sequence[str]], robot: Robot) -> bool:
-    """Whether joints are numbered from zero: one number is zero, none is too large, and no joint is named so.
-
-    kinds: names of joints in the columns of each kind.
-    """
-    numbers = [{*found.values()} for tokens in kinds if len(found := _numbers(tokens, robot)) == len(tokens)]
-    every = set[int]().union(*numbers)
-    return 0 in every and 0 not in last_numbers(robot) and max(_by_number(robot)) not in every
 
 
 def _numbers(tokens: Sequence[str], robot: Robot) -> dict[str, int]:
