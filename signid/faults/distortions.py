@@ -127,7 +127,7 @@ def find_distortion(evidence: FaultEvidence, informative: Mask, rest: float) -> 
     before = unexplained(evidence.plain)
     if min(nats(before, informative), rest) - informative.sum() * log(FLOOR) < LEAST_GAIN:
         return DistortionSearch()
-    few, found, robot = thinned(evidence)[0], dict[_Trial, float](), evidence.robot
+    few, scores, robot = thinned(evidence)[0], dict[_Trial, float](), evidence.robot
     bad = bool(np.any(before[informative] >= BAD))
 
     def left(trial: _Trial, floor: float = FLOOR) -> float:
@@ -136,17 +136,17 @@ def find_distortion(evidence: FaultEvidence, informative: Mask, rest: float) -> 
     for trial in (*_turns(robot, informative & (before >= ACCUSED)), *_trials(evidence, bad)):
         if time_is_up(SEARCH, answer=False):
             return DistortionSearch()
-        found[trial] = left(trial)
-    best, pose = min(found, key=lambda trial: found[trial]), _posed(robot, left)
-    kinds = {trial.kind for trial in found} | ({pose.kind} if pose else set())
+        scores[trial] = left(trial)
+    best, pose = min(scores, key=lambda trial: scores[trial]), _posed(robot, left)
+    kinds = {trial.kind for trial in scores} | ({pose.kind} if pose else set())
     tried = DistortionSearch(None, tuple(kind for kind in DESCRIBED if kind in kinds))
-    if pose and left(pose) <= found[best] + TIE:
+    if pose and left(pose) <= scores[best] + TIE:
         return tried._replace(found=_judged(evidence, informative, pose, rest))
-    if rest - found[best] < LEAST_GAIN / 2:  # few rows: roughly
+    if rest - scores[best] < LEAST_GAIN / 2:  # few rows: roughly
         return tried
-    found |= {trial: left(trial) for trial in _finer(best)}
-    alike = [t for t, x in found.items() if t.kind == best.kind and x <= min(found.values()) + TIE]
-    best = min(alike, key=lambda t: abs(log(t.value))) if best.kind == "clock" else min(found, key=lambda t: found[t])
+    scores |= {trial: left(trial) for trial in _finer(best)}
+    alike = [t for t, x in scores.items() if t.kind == best.kind and x <= min(scores.values()) + TIE]
+    best = min(alike, key=lambda t: abs(log(t.value))) if best.kind == "clock" else min(scores, key=lambda t: scores[t])
     return tried._replace(found=_judged(evidence, informative, best, rest))
 
 
@@ -260,8 +260,8 @@ def _changes(robot: Robot, trial: _Trial) -> Iterator[tuple[str, str, str]]:
         old, new = (axis_words(axis) or "oblique" for axis in (_axis(robot, trial.joint), trial.vector))
         yield robot.joints[trial.joint], old, new
     elif trial.kind == "held joints":
-        stated, found = held_positions(robot), held_positions(_described(robot, trial))
-        yield from ((j, f"{x:.2f}", f"{found[j]:.2f}") for j, x in stated.items() if abs(found[j] - x) > STEPS[-1] / 2)
+        stated, held = held_positions(robot), held_positions(_described(robot, trial))
+        yield from ((j, f"{x:.2f}", f"{held[j]:.2f}") for j, x in stated.items() if abs(held[j] - x) > STEPS[-1] / 2)
 
 
 def axis_words(vector: Sequence[float] | Array) -> str:
@@ -298,12 +298,12 @@ def _finer(best: _Trial) -> Iterator[_Trial]:
 def _undone(evidence: FaultEvidence, trial: _Trial) -> tuple[Signals, Indices]:
     """Signals without a distortion, and the rows of the evidence (K,) that they have."""
     x, rows, value = evidence.plain, np.arange(len(evidence.q)), trial.value
-    own = np.arange(evidence.q.shape[1]) == trial.joint
+    mask = np.arange(evidence.q.shape[1]) == trial.joint
     if trial.kind == "position scale":
-        factor = np.where(own, value, 1.0)
+        factor = np.where(mask, value, 1.0)
         return _moved(evidence, evidence.q * factor, x.v * factor, x.a * factor), rows
     if trial.kind == "position zero":
-        return _moved(evidence, evidence.q + np.radians(value) * own, x.v, x.a), rows
+        return _moved(evidence, evidence.q + np.radians(value) * mask, x.v, x.a), rows
     if trial.vector:
         other = replace(evidence, model=replace(evidence.model, robot=_described(evidence.robot, trial)))
         return _moved(other, evidence.q, x.v, x.a), rows
@@ -344,10 +344,10 @@ def _moved(evidence: FaultEvidence, q: Array, v: Array, a: Array) -> Signals:
     return evidence.plain._replace(v=v, a=a, predicted=evidence.model.inverse(motion))
 
 
-def distortion_fault(found: Distortion, joints: Sequence[str], blocks: int) -> RecordingFault:
+def distortion_fault(distortion: Distortion, joints: Sequence[str], blocks: int) -> RecordingFault:
     """Fault with a sentence on its evidence and how to correct it."""
-    changes, value = found.differences, found.value
-    about_joints = tuple(joint for joint, _, _ in changes) or tuple(joints[j] for j in found.joints)
+    changes, value = distortion.differences, distortion.value
+    about_joints = tuple(joint for joint, _, _ in changes) or tuple(joints[j] for j in distortion.joints)
     words = {
         "joint": named(about_joints) if about_joints else "",
         "times": max(value, 1 / value) if value > 0 else 1.0,
@@ -360,12 +360,14 @@ def distortion_fault(found: Distortion, joints: Sequence[str], blocks: int) -> R
         "found": " and ".join(new for _, _, new in changes),
         "lock": " ".join(f"--lock {joint}={new}" for joint, _, new in changes),
     }
-    fact, how, advice = (text.format(**words) for text in KINDS[found.kind])
-    shares = f"{100 * (1 - found.after):.1f} % of the torque instead of {100 * (1 - found.before):.1f} %"
-    better = f"better in {round(found.agreement * blocks)} of {blocks} blocks of the recordings"
-    equally = f" (equally likely: {found.law})" if found.law else ""
+    fact, how, advice = (text.format(**words) for text in KINDS[distortion.kind])
+    shares = f"{100 * (1 - distortion.after):.1f} % of the torque instead of {100 * (1 - distortion.before):.1f} %"
+    better = f"better in {round(distortion.agreement * blocks)} of {blocks} blocks of the recordings"
+    equally = f" (equally likely: {distortion.law})" if distortion.law else ""
     sentence = f"{fact}: {how}, model and friction explain {shares} ({better}){equally}; {advice}"
-    measures = {"value": value, "explained_before": 1 - found.before, "explained_after": 1 - found.after}
-    measures |= {joint: float(new) for joint, _, new in changes if found.kind == "held joints"}
-    severity = WARN if found.kind in AMBIGUOUS or found.law else REFUSE
-    return RecordingFault(found.kind, about_joints, severity, {**measures, "agreement": found.agreement}, sentence)
+    measures = {"value": value, "explained_before": 1 - distortion.before, "explained_after": 1 - distortion.after}
+    measures |= {joint: float(new) for joint, _, new in changes if distortion.kind == "held joints"}
+    severity = WARN if distortion.kind in AMBIGUOUS or distortion.law else REFUSE
+    return RecordingFault(
+        distortion.kind, about_joints, severity, {**measures, "agreement": distortion.agreement}, sentence
+    )

@@ -69,12 +69,12 @@ class Correction(Frozen):
 
     def exchange(self, order: tuple[int, ...], positions: bool = False, torques: bool = False) -> Correction:
         """Exchange columns: joint i gets those of joint order[i]."""
-        at, found = list(order), self
+        at, exchanged = list(order), self
         if positions:
-            found = replace(found, q_from=tuple(self.q_from[k] for k in at), q_scale=self.q_scale[at])
+            exchanged = replace(exchanged, q_from=tuple(self.q_from[k] for k in at), q_scale=self.q_scale[at])
         if torques:
-            found = replace(found, tau_from=tuple(self.tau_from[k] for k in at), tau_sign=self.tau_sign[at])
-        return found
+            exchanged = replace(exchanged, tau_from=tuple(self.tau_from[k] for k in at), tau_sign=self.tau_sign[at])
+        return exchanged
 
     def scale(self, joints: tuple[int, ...], position: float = 1.0, torque: float = 1.0) -> Correction:
         """Multiply positions and torques of some joints by factors."""
@@ -164,7 +164,7 @@ def gather(model: Model, session: Session, parts: Sequence[Part], signed: Mask |
         return None
     every = max(SAMPLES_PER_ROW, -(-sum(len(t) for t, _ in pieces) // ROWS))
     moments, rows = zip(*([x[edge : len(x) - edge : every] for x in piece] for piece in pieces), strict=True)
-    each = -(-BLOCKS // len(rows))
+    blocks = -(-BLOCKS // len(rows))
     q, *signals = (np.ascontiguousarray(x) for x in np.split(np.concatenate(rows), SIGNALS, axis=1))
     direct = [law for law in frictionless.laws if isinstance(law.effect, BodyLaw | TorqueLaw)]
     plain = [law for law in direct if not law.effect.memory]
@@ -179,7 +179,7 @@ def gather(model: Model, session: Session, parts: Sequence[Part], signed: Mask |
         Signals(*signals),
         tuple(Curve(t, np.split(x, SIGNALS, axis=1)[-1]) for t, x in pieces),
         moments,
-        np.concatenate([k * each + np.arange(len(t)) * each // len(t) for k, t in enumerate(moments)]),
+        np.concatenate([k * blocks + np.arange(len(t)) * blocks // len(t) for k, t in enumerate(moments)]),
     )
 
 
@@ -254,8 +254,8 @@ def unexplained(x: Signals) -> Array:
 def unexplained_by_others(x: Signals) -> Array:
     """Unexplained shares (n, n, 2) [1] of each torque (second axis) and its negative by each joint's columns."""
     n, both = x.torque.shape[1], np.concatenate([x.torque, -x.torque], axis=1)
-    found = fit_passive(x, np.broadcast_to(both, (n, *both.shape))).unexplained
-    return found.reshape(n, 2, n).swapaxes(1, 2)
+    shares = fit_passive(x, np.broadcast_to(both, (n, *both.shape))).unexplained
+    return shares.reshape(n, 2, n).swapaxes(1, 2)
 
 
 def agreement(before: Signals, after: Signals, block: Indices, joints: Sequence[int], moved: Sequence[int]) -> float:
@@ -264,9 +264,9 @@ def agreement(before: Signals, after: Signals, block: Indices, joints: Sequence[
     block: (K,) of each row; moved: the joints that have the same torques after the correction.
     """
     sizes = []
-    for x, own in ((before, joints), (after, moved)):
-        found = fit_passive(x)
-        square = np.sum(found.residual[own, :, 0] ** 2 / found.power[own], axis=0)
+    for x, places in ((before, joints), (after, moved)):
+        fit = fit_passive(x)
+        square = np.sum(fit.residual[places, :, 0] ** 2 / fit.power[places], axis=0)
         sizes.append(np.array([square[block == k].sum() for k in np.unique(block)]))
     return float(np.mean(sizes[1] < sizes[0]))
 
@@ -296,19 +296,21 @@ def missing_laws(evidence: FaultEvidence) -> Iterator[tuple[str, Array]]:
     link.
     """
     x, count, joints = evidence.plain, len(evidence.q), np.flatnonzero(evidence.signed)
-    own = [np.stack([np.ones(count), x.v[:, j], x.direction[:, j], x.a[:, j]], axis=1) for j in joints]
+    plain = [np.stack([np.ones(count), x.v[:, j], x.direction[:, j], x.a[:, j]], axis=1) for j in joints]
     size = np.maximum(np.std(x.torque, axis=0), 1e-300)
-    y = [leave((x.torque - x.predicted)[:, j], own[k]) / size[j] for k, j in enumerate(joints)]
+    y = [leave((x.torque - x.predicted)[:, j], plain[k]) / size[j] for k, j in enumerate(joints)]
     shares = np.ones(len(size))
     shares[joints] = np.mean(np.square(y), axis=1)
     yield "friction or a rotor of another size", shares
     for k, j in enumerate(joints):
-        spring = leave(leave(x.torque[:, j] - x.predicted[:, j], own[k]), leave(evidence.q[:, [j]], own[k])) / size[j]
+        spring = (
+            leave(leave(x.torque[:, j] - x.predicted[:, j], plain[k]), leave(evidence.q[:, [j]], plain[k])) / size[j]
+        )
         yield f"{SPRING} at {evidence.robot.joints[j]}", np.where(np.arange(len(size)) == j, np.mean(spring**2), shares)
     bodies = evidence.along(Correction.none(len(size))).bodies.reshape(count, len(size), -1, len(INERTIAL))
     for moved, joint in enumerate(evidence.robot.joints):
         columns = bodies[:, :, own_body(evidence.robot, moved)]
-        beyond = [leave(columns[:, j], own[k]) / size[j] for k, j in enumerate(joints)]
+        beyond = [leave(columns[:, j], plain[k]) / size[j] for k, j in enumerate(joints)]
         rest = leave(np.concatenate(y), np.concatenate(beyond)).reshape(len(joints), count)
         shares = shares.copy()
         shares[joints] = np.mean(rest**2, axis=1)
@@ -339,7 +341,7 @@ def judge_amount(session: Session, parts: Sequence[Part]) -> Amount:
     rows = sum(int(max(0, length - reach) / band.rate * density) for length in lengths)
     unknowns = max((len(task.seen(j)) for j in range(len(task.robot.joints))), default=0)
     seconds, wanted = sum(s.duration for _, s in parts), PER_UNKNOWN * unknowns
-    rest = sum(s.duration for r, s in session.held_out if any(r is used and s is not own for used, own in parts))
+    rest = sum(s.duration for r, s in session.held_out if any(r is used and s is not other for used, other in parts))
     needed = max(wanted / density + lost, seconds * wanted / max(rows, 1))
     return Amount(rows, unknowns, seconds, needed, seconds + rest)
 

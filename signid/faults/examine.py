@@ -230,29 +230,29 @@ def is_sole(fault: RecordingFault) -> bool:
 def _compare(evidence: FaultEvidence) -> TorqueComparison:
     """Faults under the given gravity, or under the one that explains the torque as well or better."""
     seen = _compare_under_gravity(evidence)
-    found = find_gravity(evidence)
+    other = find_gravity(evidence)
     rest = nats(seen.left, seen.informative)
-    if found is None or rest < found.left - AS_WELL:
+    if other is None or rest < other.left - AS_WELL:
         return seen
     rivals = [f for f in _torque_faults(seen) if f.kind not in (UNFIT, "units", "gain")]
-    equal = tuple(rivals) if rest <= found.left + AS_WELL else ()
-    return _compare_under_gravity(under_gravity(evidence, found.value))._replace(gravity=found, rivals=equal)
+    equal = tuple(rivals) if rest <= other.left + AS_WELL else ()
+    return _compare_under_gravity(under_gravity(evidence, other.value))._replace(gravity=other, rivals=equal)
 
 
 def _compare_under_gravity(evidence: FaultEvidence) -> TorqueComparison:
     informative = informative_torques(evidence.plain, evidence.signed)
     claims, nothing = search(evidence, informative), Correction.none(len(informative))
     done = claims[-1].correction if claims else nothing
-    left, own = unexplained(evidence.corrected(done)), informative[list(done.tau_from)]
-    if claims and max(claim.after for claim in claims) > CHANCE and np.any(left[own] >= UNEXPLAINED):
-        claims, done, left, own = [], nothing, unexplained(evidence.plain), informative
-    tried = find_distortion(evidence, informative, nats(left, own))
+    left, moved = unexplained(evidence.corrected(done)), informative[list(done.tau_from)]
+    if claims and max(claim.after for claim in claims) > CHANCE and np.any(left[moved] >= UNEXPLAINED):
+        claims, done, left, moved = [], nothing, unexplained(evidence.plain), informative
+    tried = find_distortion(evidence, informative, nats(left, moved))
     if (distortion := tried.found) is not None:
-        claims, done, own = [], nothing, informative
+        claims, done, moved = [], nothing, informative
     signals = evidence.corrected(done) if distortion is None else distortion.signals
-    lags, gains = judge_lags(evidence, done, own), judge_gains(evidence, done)
+    lags, gains = judge_lags(evidence, done, moved), judge_gains(evidence, done)
     left = unexplained(signals)
-    return TorqueComparison(evidence, own, claims, done, signals, left, lags, gains, tried, weigh(evidence))
+    return TorqueComparison(evidence, moved, claims, done, signals, left, lags, gains, tried, weigh(evidence))
 
 
 def _torque_faults(seen: TorqueComparison) -> Iterator[RecordingFault]:
@@ -322,7 +322,7 @@ def judge_limits(evidence: FaultEvidence | None, parts: Sequence[Part], robot: R
     bottom, top = np.min([s.lower for _, s in parts], axis=0), np.max([s.upper for _, s in parts], axis=0)
     room = LIMIT_EXCESS * np.maximum(1.0, np.where(np.isfinite(travel), travel, 1.0))
     above, over = top - high >= low - bottom, (low < high) & ((top > high + room) | (bottom < low - room))
-    found = [("position", np.where(above, top, bottom), np.where(above, high, low), over)]
+    reached_limits = [("position", np.where(above, top, bottom), np.where(above, high, low), over)]
     if evidence is not None:
         speed = np.abs(evidence.plain.v).max(axis=0)
         torque = np.max([np.abs(curve.x).max(axis=0) for curve in evidence.torques], axis=0)
@@ -330,8 +330,8 @@ def judge_limits(evidence: FaultEvidence | None, parts: Sequence[Part], robot: R
             ("velocity", speed, robot.velocity_limit, FASTER),
             ("torque", torque, robot.effort_limit, STRONGER),
         ):
-            found.append((kind, value, limit, (limit > 0) & (value > most * limit)))
-    for kind, value, limit, exceeded in found:
+            reached_limits.append((kind, value, limit, (limit > 0) & (value > most * limit)))
+    for kind, value, limit, exceeded in reached_limits:
         units, check = LIMITS[kind]
         for j in np.flatnonzero(exceeded):
             reached = f"{value[j]:.4g} {units[int(robot.prismatic[j])]}, beyond its limit of {limit[j]:.4g}"

@@ -93,15 +93,15 @@ def under_gravity(evidence: FaultEvidence, gravity: Array, columns: Array | None
 def find_gravity(evidence: FaultEvidence) -> GravityEstimate | None:
     """Find another gravity than the given one."""
     informative = informative_torques(evidence.plain, evidence.signed)
-    given, columns = np.array(evidence.model.robot.model.gravity.linear), gravity_columns(evidence)
+    stated, columns = np.array(evidence.model.robot.model.gravity.linear), gravity_columns(evidence)
     axes, before = _shown(evidence, columns), evidence.plain
     if not len(axes):
         return None
-    if given.any() and (weights := weigh(evidence)).bare.any() and np.array_equal(weights.bare, weights.strong):
+    if stated.any() and (weights := weigh(evidence)).bare.any() and np.array_equal(weights.bare, weights.strong):
         value = np.zeros(3)  # compared with the given weight as it is: a factor of zero would hide it
-        load = columns @ given
+        load = columns @ stated
         before = before._replace(predicted=before.predicted - load, torque=before.torque - load)
-    elif (best := _best(evidence, informative, given, columns)) is not None and _angle(best, given) >= TILT:
+    elif (best := _best(evidence, informative, stated, columns)) is not None and _angle(best, stated) >= TILT:
         value = best
     else:
         return None
@@ -109,12 +109,12 @@ def find_gravity(evidence: FaultEvidence) -> GravityEstimate | None:
 
 
 def _judged(
-    evidence: FaultEvidence, informative: Mask, given: Signals, columns: Array, axes: Array, value: Array
+    evidence: FaultEvidence, informative: Mask, stated: Signals, columns: Array, axes: Array, value: Array
 ) -> GravityEstimate | None:
     """Compare a gravity: (3,) [m/s2] with signals under the given one; None if it is not far better."""
-    found = under_gravity(evidence, value, columns)
+    turned = under_gravity(evidence, value, columns)
     power = np.maximum(np.var(evidence.plain.torque, axis=0), 1e-300)
-    squares = [fit_passive(x).residual[:, :, 0].T ** 2 / power for x in (given, found.plain)]
+    squares = [fit_passive(x).residual[:, :, 0].T ** 2 / power for x in (stated, turned.plain)]
     before, after = (np.minimum(square.mean(axis=0), 1.0) for square in squares)
     betters, left = far_better(before, after, informative), nats(after, informative)
     gain = nats(before, informative) - left
@@ -126,7 +126,7 @@ def _judged(
         return None
     return GravityEstimate(
         value,
-        _std(found, columns, axes, value),
+        _std(turned, columns, axes, value),
         float(before[betters].mean()),
         float(after[betters].mean()),
         agreement,
@@ -158,18 +158,18 @@ def weigh(evidence: FaultEvidence) -> Weights:
     load = gravity_columns(evidence) @ evidence.model.bodies().gravity.linear
     inertial, deviation = x.predicted - load, np.std(load, axis=0)
     share, strong, bare = np.zeros(n), np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
-    some = [np.ones(len(evidence.q), dtype=bool), *(evidence.block != k for k in np.unique(evidence.block))]
+    subsets = [np.ones(len(evidence.q), dtype=bool), *(evidence.block != k for k in np.unique(evidence.block))]
     heavy = evidence.signed & (deviation > HEAVY * deviation.max()) & (np.std(x.torque, axis=0) > 0)
     for j in np.flatnonzero(heavy).tolist():
-        size, found = float(np.std(x.torque[:, j])), []
-        for rows in some:
+        size, products = float(np.std(x.torque[:, j])), []
+        for rows in subsets:
             both = _beyond_inertia(x, inertial, j, rows, np.column_stack([load[rows, j], x.torque[rows, j]]) / size)
-            found.append((both.T @ both) / rows.sum())
-        if found[0][0, 0] >= VISIBLE**2:
-            each = np.array([gram[0, 1] / max(gram[0, 0], 1e-300) for gram in found])
-            spread = float(np.sqrt((len(each) - 2) * np.var(each[1:])))
-            share[j], strong[j] = each[0], found[0][1, 1] - each[0] ** 2 * found[0][0, 0] <= GOOD
-            bare[j] = strong[j] and abs(each[0]) + 2 * spread <= BARE
+            products.append((both.T @ both) / rows.sum())
+        if products[0][0, 0] >= VISIBLE**2:
+            shares = np.array([gram[0, 1] / max(gram[0, 0], 1e-300) for gram in products])
+            spread = float(np.sqrt((len(shares) - 2) * np.var(shares[1:])))
+            share[j], strong[j] = shares[0], products[0][1, 1] - shares[0] ** 2 * products[0][0, 0] <= GOOD
+            bare[j] = strong[j] and abs(shares[0]) + 2 * spread <= BARE
     return Weights(share, strong, bare)
 
 
@@ -181,20 +181,20 @@ def _beyond_inertia(x: Signals, inertial: Array, joint: int, rows: Mask, y: Arra
     return np.asarray(y - basis @ (basis.T @ y))
 
 
-def _best(evidence: FaultEvidence, informative: Mask, given: Array, columns: Array) -> Array | None:
+def _best(evidence: FaultEvidence, informative: Mask, gravity: Array, columns: Array) -> Array | None:
     """Gravity (3,) [m/s2] of the direction that explains most, or of the axis near it; None: about the given one."""
     few, rows = thinned(evidence)
-    own, size = columns[rows], float(np.linalg.norm(given)) or STANDARD
+    few_columns, size = columns[rows], float(np.linalg.norm(gravity)) or STANDARD
 
     def score(value: Array) -> float:
-        return nats(unexplained(under_gravity(few, size * value, own).plain), informative, FINEST)
+        return nats(unexplained(under_gravity(few, size * value, few_columns).plain), informative, FINEST)
 
-    stated = score(given / size)
+    stated = score(gravity / size)
     if stated - nats(np.zeros(len(informative)), informative, FINEST) < PROMISING:
         return None  # nothing is left that another direction could explain
     corners = np.array([[x, y, z] for x in (1, -1) for y in (1, -1) for z in (1, -1)]) / np.sqrt(3)
     starts = [*np.eye(3), *-np.eye(3), *corners]
-    starts += _around(given / size, TILT) if given.any() else []
+    starts += _around(gravity / size, TILT) if gravity.any() else []
     scores = [score(u) for u in starts]
     if min(scores) > stated - PROMISING:
         return None
@@ -212,47 +212,47 @@ def _around(direction: Array, angle: float) -> list[Array]:
     return [np.cos(angle) * direction + np.sin(angle) * side for side in sides]
 
 
-def _angle(one: Array, other: Array) -> float:
+def _angle(a: Array, b: Array) -> float:
     """Angle [rad] between two vectors; pi if one is zero, 0 if both are."""
-    size = float(np.linalg.norm(one) * np.linalg.norm(other))
-    return float(np.arccos(np.clip(one @ other / size, -1.0, 1.0))) if size else np.pi * bool(one.any() or other.any())
+    size = float(np.linalg.norm(a) * np.linalg.norm(b))
+    return float(np.arccos(np.clip(a @ b / size, -1.0, 1.0))) if size else np.pi * bool(a.any() or b.any())
 
 
 def _shown(evidence: FaultEvidence, columns: Array) -> Array:
     """Orthonormal directions (k, 3) of gravity that show in the torque, k <= 3."""
     strength = np.zeros((3, 3))
     for j in np.flatnonzero(evidence.signed & (np.std(evidence.plain.torque, axis=0) > 0)):
-        own = STANDARD * (columns[:, j] - columns[:, j].mean(axis=0)) / np.std(evidence.plain.torque[:, j])
-        strength += own.T @ own / len(own)
+        shown = STANDARD * (columns[:, j] - columns[:, j].mean(axis=0)) / np.std(evidence.plain.torque[:, j])
+        strength += shown.T @ shown / len(shown)
     size, axes = np.linalg.eigh(strength)
     return np.asarray(axes.T[size >= VISIBLE**2])
 
 
-def _std(found: FaultEvidence, columns: Array, axes: Array, value: Array) -> Array:
+def _std(evidence: FaultEvidence, columns: Array, axes: Array, value: Array) -> Array:
     """Standard deviation (3,) [m/s2] of a gravity: scatter of linear estimates over the blocks, and their difference.
 
     Source: jackknife: Efron, The Jackknife, the Bootstrap and Other Resampling Plans, SIAM, 1982, chapter 3.
     """
-    blocks = np.unique(found.block)
-    whole = _linear(found, columns, axes, value, np.ones(len(found.q), dtype=bool))
-    without = np.array([_linear(found, columns, axes, value, found.block != k) for k in blocks])
+    blocks = np.unique(evidence.block)
+    whole = _linear(evidence, columns, axes, value, np.ones(len(evidence.q), dtype=bool))
+    without = np.array([_linear(evidence, columns, axes, value, evidence.block != k) for k in blocks])
     scatter = np.sqrt((len(blocks) - 1) * np.mean((without - without.mean(axis=0)) ** 2, axis=0))
     return np.asarray(np.hypot(scatter, whole - value))
 
 
-def _linear(found: FaultEvidence, columns: Array, axes: Array, value: Array, rows: Mask) -> Array:
+def _linear(evidence: FaultEvidence, columns: Array, axes: Array, value: Array, rows: Mask) -> Array:
     """Gravity (3,) [m/s2] by least squares in some rows, of the size of `value`: (3,) [m/s2] if that is not zero."""
-    x, gram, right = found.plain, np.zeros((len(axes), len(axes))), np.zeros(len(axes))
+    x, gram, right = evidence.plain, np.zeros((len(axes), len(axes))), np.zeros(len(axes))
     inertial = x.predicted - columns @ value
-    for j in np.flatnonzero(found.signed & (np.std(x.torque, axis=0) > 0)).tolist():
+    for j in np.flatnonzero(evidence.signed & (np.std(x.torque, axis=0) > 0)).tolist():
         both = np.column_stack([columns[rows, j] @ axes.T, x.torque[rows, j]]) / np.std(x.torque[:, j])
         both = _beyond_inertia(x, inertial, j, rows, both)
-        own, torque = both[:, :-1], both[:, -1]
-        along = own @ (axes @ value)
+        free, torque = both[:, :-1], both[:, -1]
+        along = free @ (axes @ value)
         least = VISIBLE**2 * len(along)  # a joint that hardly shows gravity has no factor of its own
         gain = max(float(along @ torque) + least, 0.0) / (float(along @ along) + least) if value.any() else 1.0
         weight = 1 / max(float(np.mean((torque - gain * along) ** 2)), FLOOR**2)
-        gram, right = gram + weight * gain**2 * own.T @ own, right + weight * gain * own.T @ torque
+        gram, right = gram + weight * gain**2 * free.T @ free, right + weight * gain * free.T @ torque
     linear = axes.T @ np.linalg.lstsq(gram, right, rcond=1e-9)[0] + value - axes.T @ (axes @ value)
     size = float(np.linalg.norm(value))
     return np.asarray(linear * (size / max(float(np.linalg.norm(linear)), 1e-300)) if size else linear)
@@ -275,7 +275,12 @@ def gravity_fault(found: GravityEstimate, rivals: Sequence[RecordingFault], evid
         advice = f"log the whole torque, or state it with --gravity {words}; masses are not identifiable from it"
     else:
         along = f"{axis_words(found.value) or 'the direction'} of {root_link(robot)} {gravity_text(found.value)}"
-        fact, how = f"gravity acts along {along}: {_mounting(found.value)}", "with it"
+        # how the robot stands in a field of gravity in the frame of its root link, whose z points up
+        angle = float(np.degrees(np.arccos(np.clip(-found.value[2] / np.linalg.norm(found.value), -1.0, 1.0))))
+        mountings = ((0.0, "stands upright"), (90.0, "is mounted on its side"), (180.0, "hangs upside down"))
+        upright = next((f"the robot {words}" for middle, words in mountings if abs(angle - middle) < UPRIGHT), "")
+        mounting = upright or f"its base is inclined by {angle:.0f} degrees"
+        fact, how = f"gravity acts along {along}: {mounting}", "with it"
         advice = f"state it with --gravity {words}"
     measures = dict(zip(("x", "y", "z", "std_x", "std_y", "std_z"), (*found.value, *found.std), strict=True))
     measures |= {"explained_before": 1 - found.before, "explained_after": 1 - found.after, "gain": found.gain}
@@ -289,12 +294,3 @@ def weight_fault(joints: Sequence[str]) -> RecordingFault:
     fact = f"the torque of {named(joints)} carries no weight of the links, although that of other joints does"
     why = "its drive, a spring or a counterweight compensates it, so masses are not identifiable from it"
     return RecordingFault("weight", tuple(joints), WARN, {}, f"{fact}: {why}; log the whole torque")
-
-
-def _mounting(gravity: Array) -> str:
-    """How a robot stands in a field of gravity (3,) [m/s2] in the frame of its root link, whose z points up."""
-    angle = float(np.degrees(np.arccos(np.clip(-gravity[2] / np.linalg.norm(gravity), -1.0, 1.0))))
-    for middle, words in ((0.0, "stands upright"), (90.0, "is mounted on its side"), (180.0, "hangs upside down")):
-        if abs(angle - middle) < UPRIGHT:
-            return f"the robot {words}"
-    return f"its base is inclined by {angle:.0f} degrees"

@@ -80,7 +80,8 @@ class Delay(NamedTuple):
         why = "two clocks or a filter" if self.common > 0 else "a command that acts later, or two clocks"
         return (
             f"the torque is recorded {1e3 * abs(self.common):.1f} ms {side} against the motion ({why}), which biases "
-            "friction and rotor inertias: record both with one clock, or run signid diagnose, which has a law for delays"
+            "friction and rotor inertias: record both with one clock, or run signid diagnose, "
+            "which has a law for delays"
         )
 
     def is_clear(self, negative: float) -> bool:
@@ -103,10 +104,10 @@ def identification_flags(
     sentences = [flag for recording in rows.recordings for flag in recording.flags]
     moving = np.array([joint not in excitation.resting for joint in fit.joints])
     signed = np.all([recording.signed for recording in rows.recordings], axis=0)
-    found = examine(model, session, excitation, signed, rows.evidence).findings
+    findings = examine(model, session, excitation, signed, rows.evidence).findings
     both, stated = (rows.train, rows.test), stated_parameters(session.task)
     lacks = list(find_lacks(session.task, both, fit, base_value, stated, signed & moving))
-    faults = [f for f in found if f.severity != NOTE and f.kind != "excitation" and _holds(f, fit, lacks)]
+    faults = [f for f in findings if f.severity != NOTE and f.kind != "excitation" and _holds(f, fit, lacks)]
     sentences += [f"{fault.sentence}; {NEXT}" for fault in faults]
     delay = None if any(fault.kind == "lag" for fault in faults) else estimate_delay(session, signed & moving)
     if delay is not None and delay.is_clear(_negative_viscosity(value, session.task)):
@@ -132,9 +133,9 @@ def _bad(fit: Fit, variance: Array, sound: Mask) -> Iterator[str]:
     hopeless = (ratio > NOISE_RATIO) & (r2 < MIN_R2) & (wide < MIN_R2)
     bad = sound & (hopeless | ((ratio > MISFIT_FLOORS) & ((r2 < MIN_R2) | (wide < POOR))))
     if bad.any():
-        each = [f"{fit.joints[j]} (held-out R2 {r2[j]:.2f})" for j in np.flatnonzero(bad)]
+        joints = [f"{fit.joints[j]} (held-out R2 {r2[j]:.2f})" for j in np.flatnonzero(bad)]
         yield (
-            f"the model leaves much of the torque of {shorten(each, 4)} unexplained, far beyond the noise floor: it "
+            f"the model leaves much of the torque of {shorten(joints, 4)} unexplained, far beyond the noise floor: it "
             f"lacks an effect; run signid diagnose with model.json and the recordings"
         )
 
@@ -187,10 +188,10 @@ def estimate_delay(session: Session, signed: Mask) -> Delay | None:
     whole = sum(sampling.duration for _, sampling in session.train)
     few = ((r, select_stretches(sampling, SECONDS * sampling.duration / whole)) for r, sampling in session.train)
     windows = [rows for part in few for rows in read_rows(session.task, *part) if len(rows.t) > 1]
-    found = [own for j in np.flatnonzero(signed).tolist() if (own := _joint_delay(windows, j)) is not None]
-    if not found:
+    delays = [lag for j in np.flatnonzero(signed).tolist() if (lag := _joint_delay(windows, j)) is not None]
+    if not delays:
         return None
-    delay, std, gain = (np.array(x) for x in zip(*found, strict=True))
+    delay, std, gain = (np.array(x) for x in zip(*delays, strict=True))
     common = float(np.average(delay, weights=std**-2))
     scatter = float(np.sum(((delay - common) / std) ** 2) / (len(delay) - 1)) if len(delay) > 1 else float("nan")
     return Delay(common, float(np.sum(std**-2) ** -0.5), scatter, float(gain.mean()))

@@ -141,7 +141,7 @@ class ServoAudit(Frozen):
     @property
     def breaks(self) -> tuple[int, ...]:
         """Number of breaks of each recording: gaps, and rows without a command."""
-        return tuple(max(0, len(each) - 1) for each in self.stretches)
+        return tuple(max(0, len(stretches) - 1) for stretches in self.stretches)
 
     @property
     def limits(self) -> tuple[str, ...]:
@@ -149,11 +149,11 @@ class ServoAudit(Frozen):
         return tuple(self._by_sentence("limits"))
 
     def _by_sentence(self, kind: str) -> Iterator[str]:
-        own: dict[str, list[str]] = {}  # joints by what is said of them
+        joints: dict[str, list[str]] = {}  # joints by what is said of them
         for joint in self.joints:
             for flag in getattr(joint, kind):
-                own.setdefault(flag.removeprefix(joint.joint), []).append(joint.joint)
-        return (f"{', '.join(names)}{said}" for said, names in own.items())
+                joints.setdefault(flag.removeprefix(joint.joint), []).append(joint.joint)
+        return (f"{', '.join(names)}{sentence}" for sentence, names in joints.items())
 
 
 @dataclass(frozen=True)

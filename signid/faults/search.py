@@ -111,7 +111,7 @@ def _next(evidence: FaultEvidence, done: Correction, informative: Mask) -> Claim
         evaluated.append(((nats(left, informative, WELL), nats(left, informative, CLOSELY)), trial, left))
     if not evaluated:
         return None
-    evaluated.sort(key=lambda one: (round(one[0][0], 1), one[0][1]))
+    evaluated.sort(key=lambda ranked: (round(ranked[0][0], 1), ranked[0][1]))
     rank, best, left = evaluated[0]
     if best.kind == "lag" and np.abs(best.correction.lag - done.lag).max() < LARGE_LAG:
         return None
@@ -145,9 +145,9 @@ def _trials(evidence: FaultEvidence, done: Correction, informative: Mask) -> Ite
         yield CorrectionTrial("position sign", (i,), done.scale((i,), position=-1))
         yield CorrectionTrial("axis", (i,), done.scale((i,), position=-1, torque=-1))
     if n > 1:  # found one by one, they may look like something else
-        everyone = tuple(range(n))
-        yield CorrectionTrial("torque sign", everyone, done.scale(everyone, torque=-1))
-        yield CorrectionTrial("position sign", everyone, done.scale(everyone, position=-1))
+        all_joints = tuple(range(n))
+        yield CorrectionTrial("torque sign", all_joints, done.scale(all_joints, torque=-1))
+        yield CorrectionTrial("position sign", all_joints, done.scale(all_joints, position=-1))
     cost, both = np.where(np.eye(n), 0.0, 2.0), np.outer(informative, informative)
     cost[both] = unexplained_by_others(evidence.corrected(done)).min(axis=2)[both]
     order = tuple(linear_sum_assignment(cost)[1].tolist())  # torques by the joint that explains them best, of any sign
@@ -167,8 +167,8 @@ def _trials(evidence: FaultEvidence, done: Correction, informative: Mask) -> Ite
                 yield CorrectionTrial(unit, joints, done.scale(joints, position=scale))
     lags, left = lag_table(evidence, done)
     for joints in sorted({tuple(range(n)), *((j,) for j in np.flatnonzero(informative).tolist())}):
-        own = left[:, [j for j in joints if informative[j]]]
-        best = int(np.argmin(np.log(np.maximum(own, CLOSELY)).sum(axis=1)))
+        informative_left = left[:, [j for j in joints if informative[j]]]
+        best = int(np.argmin(np.log(np.maximum(informative_left, CLOSELY)).sum(axis=1)))
         if lags[best]:
             yield CorrectionTrial("lag", joints, done.earlier(joints, float(lags[best])))
 
@@ -252,7 +252,7 @@ def judge_lags(evidence: FaultEvidence, done: Correction, informative: Mask) -> 
     zero, least = left[len(lags) // 2], left.min(axis=0)
     inside = informative & (np.abs(best) < EDGE * LAG) & (least <= zero)
     saves = inside & (least <= np.minimum(HALVES * zero, LAG_REST)) & (zero - least >= GAINS)
-    own = np.where(inside, best, np.nan)
+    lag = np.where(inside, best, np.nan)
     known = left[:, informative]
     common = _minimum(lags, np.log(np.maximum(known, TINY)).sum(axis=1)) if informative.any() else EDGE * LAG
     at = np.array([np.interp(common, lags, column) for column in left.T])
@@ -266,8 +266,8 @@ def judge_lags(evidence: FaultEvidence, done: Correction, informative: Mask) -> 
     if together and 2 * saves.sum() >= max(1, informative.sum()):
         # One clock: the change of all torques together counts, since a joint without gravity changes much alone
         much = np.linalg.norm(changed[saves]) / np.linalg.norm(size[saves]) >= LAG_CHANGE or abs(common) >= LARGE_LAG
-        return Lags(own, common, share, saves & much)
-    return Lags(own, common if together else np.nan, share, saves & (share >= LAG_CHANGE) & (np.abs(best) >= LARGE_LAG))
+        return Lags(lag, common, share, saves & much)
+    return Lags(lag, common if together else np.nan, share, saves & (share >= LAG_CHANGE) & (np.abs(best) >= LARGE_LAG))
 
 
 def _rms(x: Array) -> Array:
@@ -290,16 +290,19 @@ def judge_gains(evidence: FaultEvidence, done: Correction) -> Gains:
     factor, spread = np.full(n, np.nan), np.full(n, np.nan)
     strongest, speed = _rms(x.predicted).max(initial=0.0), _rms(x.v)
     usable = evidence.signed & (np.std(x.predicted, axis=0) >= GAIN_TORQUE * strongest) & (speed >= MOVES * speed.max())
-    some = [evidence.block != k for k in np.unique(evidence.block)]  # the jackknife over blocks
+    without_block = [evidence.block != k for k in np.unique(evidence.block)]  # the jackknife over blocks
     for j in np.flatnonzero(usable).tolist():
-        one, rotor = x.joint(j), not evidence.rotors[j]
-        if gain := _informative_gain(one, rotor):
-            gains = np.array([fit_passive(one.rows(rows), rotor=rotor).gain[0, 0] for rows in some])
-            spread[j] = np.sqrt((len(some) - 1) * np.mean((gains - gain) ** 2)) / gain
+        signals, rotor = x.joint(j), not evidence.rotors[j]
+        if gain := _informative_gain(signals, rotor):
+            gains = np.array([fit_passive(signals.rows(rows), rotor=rotor).gain[0, 0] for rows in without_block])
+            spread[j] = np.sqrt((len(without_block) - 1) * np.mean((gains - gain) ** 2)) / gain
             factor[j] = gain if spread[j] <= PRECISE else np.nan
     known = np.isfinite(factor)
-    if not known.any():
-        return Gains(factor, spread, _inertial(evidence, x), ())
+    if not known.any():  # gravity does not show them: that of the strongest joint, without a rotor
+        size = np.where(evidence.signed, np.std(x.predicted, axis=0), 0.0)
+        joint = int(np.argmax(size))
+        gain = _informative_gain(x.joint(joint), rotor=False) if size[joint] else 0.0
+        return Gains(factor, spread, gain if gain and not 1 / LONE < gain < ROTOR else 1.0, ())
     middle, least = float(np.median(factor[known])), ALL if known.sum() > 1 else LONE
     motion = evidence.along(done)
 
@@ -319,31 +322,21 @@ def judge_gains(evidence: FaultEvidence, done: Correction) -> Gains:
     return Gains(factor, spread, middle if common else 1.0, tuple(chosen))
 
 
-def _inertial(evidence: FaultEvidence, x: Signals) -> float:
-    """Factor of the strongest joint without a rotor, for a robot whose factors gravity does not show; else 1."""
-    size = np.where(evidence.signed, np.std(x.predicted, axis=0), 0.0)
-    joint = int(np.argmax(size))
-    if size[joint] == 0:
-        return 1.0
-    gain = _informative_gain(x.joint(joint), rotor=False)
-    return gain if gain and not 1 / LONE < gain < ROTOR else 1.0
-
-
 def _informative_gain(x: Signals, rotor: bool) -> float:
     """Gain of one joint's torque, if the fit is good and far better than without the predicted torque; else 0."""
-    found = fit_passive(x, rotor=rotor)
-    left, without = float(found.unexplained[0, 0]), float(fit_passive(x, None, False, rotor).unexplained[0, 0])
-    return float(found.gain[0, 0]) if left <= FITS and without >= max(MIN_RIGID_REST, RIGID * left) else 0.0
+    fit = fit_passive(x, rotor=rotor)
+    left, without = float(fit.unexplained[0, 0]), float(fit_passive(x, None, False, rotor).unexplained[0, 0])
+    return float(fit.gain[0, 0]) if left <= FITS and without >= max(MIN_RIGID_REST, RIGID * left) else 0.0
 
 
 def _residual(x: Signals, known: Mask, shared: Array | None = None) -> float:
     """Sum of unexplained shares [1] with prediction, friction and a change of one body, columns (K, n, 10)."""
     rows = []
     for j in np.flatnonzero(known):
-        own = np.stack([x.v[:, j], x.direction[:, j], x.a[:, j], np.ones(len(x.v))], axis=1)
+        friction = np.stack([x.v[:, j], x.direction[:, j], x.a[:, j], np.ones(len(x.v))], axis=1)
         rest = (x.torque[:, j] - x.predicted[:, j])[:, None]
         free = rest if shared is None else np.column_stack([shared[:, j], rest])
-        rows.append(leave(free, own) / np.std(x.torque[:, j]))
+        rows.append(leave(free, friction) / np.std(x.torque[:, j]))
     columns, y = np.split(np.concatenate(rows), [-1], axis=1)
     scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     fitted = scaled @ least_squares(scaled, y, 1e-6) if scaled.shape[1] else 0.0

@@ -100,11 +100,11 @@ def assign_columns(opened: Opened, columns: ParsedColumns, robot: Robot) -> Assi
         if kind == "q" and not signal.mapped and not any(token in robot.joints for _, token in split(signal.logical))
     ]
     flags = (*strange, *_uncertain(source, robot, numbered))
-    found = [
+    assigned = [
         (kind, signal, None if kind == "t" else bool(robot.prismatic[joint]))
         for (kind, joint), signal in signals.items()
     ]
-    return Assignment(signals, notes, converted(opened, columns, found), flags, units)
+    return Assignment(signals, notes, converted(opened, columns, assigned), flags, units)
 
 
 def converted(
@@ -129,14 +129,14 @@ def converted(
 
 def stated_units(columns: ParsedColumns, signals: Iterable[tuple[str, Signal]]) -> dict[str, StatedUnit]:
     """Units by column of signals and their kinds, where a column map or the name of the column states one."""
-    found = {}
+    units = {}
     for kind, signal in signals:
-        own = columns.own.get(signal.logical, "") if signal.mapped else ""
-        if by_map := str(own) or columns.units.get(kind, ""):
-            found[signal.column] = StatedUnit(by_map, "the column map")
+        stated = columns.own.get(signal.logical, "") if signal.mapped else ""
+        if by_map := str(stated) or columns.units.get(kind, ""):
+            units[signal.column] = StatedUnit(by_map, "the column map")
         elif signal.unit:
-            found[signal.column] = StatedUnit(signal.unit, "its name")
-    return found
+            units[signal.column] = StatedUnit(signal.unit, "its name")
+    return units
 
 
 def unit_caveats(opened: Opened, units: Mapping[str, StatedUnit]) -> tuple[str, ...]:
@@ -154,10 +154,10 @@ def conversion(
     Raises:
         RecordingError: the unit is not stated, or does not fit the column.
     """
-    own = columns.own.get(signal.logical) if signal.mapped else None
-    if isinstance(own, Change):
-        return own
-    if unit := own or columns.units.get(kind) or signal.unit:
+    stated = columns.own.get(signal.logical) if signal.mapped else None
+    if isinstance(stated, Change):
+        return stated
+    if unit := stated or columns.units.get(kind) or signal.unit:
         return change_of(unit, kind, prismatic, f"{opened.name}: column {signal.column!r}")
     if not strict or signal.column not in About.of(opened.table).unstated:
         return None
@@ -275,8 +275,8 @@ def _uncertain(source: str, robot: Robot, joints: Sequence[int]) -> tuple[str, .
 
 def _digits(robot: Robot, joints: Sequence[int]) -> list[int]:
     """Last number in each joint name, 0 if there is none."""
-    found = last_numbers(robot)
-    return [found[j] or 0 for j in joints]
+    numbers = last_numbers(robot)
+    return [numbers[j] or 0 for j in joints]
 
 
 def _kind(robot: Robot, parents: Sequence[Sequence[int]], joint: int) -> str:
@@ -334,8 +334,8 @@ def time_unit(t: Array, named: str) -> Noticed:
     whole = step >= 0.5 and bool(np.all(np.abs(known - np.rint(known)) < 1e-6))
     if MIN_STEP <= step <= MAX_STEP and not whole:
         return Noticed("s", f"steps by {step:.4g}")
-    found = next((unit for unit, most in (("ms", 500.0), ("us", 5e5), ("ns", np.inf)) if step <= most), "ns")
-    return Noticed(found, f"steps by {step:.4g}, which cannot be seconds")
+    likely = next((unit for unit, most in (("ms", 500.0), ("us", 5e5), ("ns", np.inf)) if step <= most), "ns")
+    return Noticed(likely, f"steps by {step:.4g}, which cannot be seconds")
 
 
 def _position_units(
@@ -345,14 +345,14 @@ def _position_units(
 
     values: (N,) [any unit] of each joint.
     """
-    found: dict[int, Noticed] = {}
+    noticed: dict[int, Noticed] = {}
     for slides, units in ((False, OF["q"][0]), (True, OF["q"][1])):
-        mine = {j: x[np.isfinite(x)] for j, x in values.items() if bool(robot.prismatic[j]) == slides}
-        ends = {j: (float(x.min()), float(x.max())) for j, x in mine.items() if len(x)}
-        whole = all(bool(np.all(x == np.rint(x))) for x in mine.values())
+        columns = {j: x[np.isfinite(x)] for j, x in values.items() if bool(robot.prismatic[j]) == slides}
+        ends = {j: (float(x.min()), float(x.max())) for j, x in columns.items() if len(x)}
+        whole = all(bool(np.all(x == np.rint(x))) for x in columns.values())
         most = max((abs(end) for both in ends.values() for end in both), default=0.0)
-        if ends and whole and not slides and not any(named.get(j) for j in mine) and (counts or most > COUNTS):
-            found |= _counts(ends)
+        if ends and whole and not slides and not any(named.get(j) for j in columns) and (counts or most > COUNTS):
+            noticed |= _counts(ends)
             continue
         base = next(iter(units))
         unit = next((unit for unit in Q_UNITS[slides] if _fits(ends, units[unit], slides, robot)), "")
@@ -361,11 +361,11 @@ def _position_units(
         if ends:
             limits = f"its limits are {robot.lower[worst]:.4g} to {robot.upper[worst]:.4g} {base}"
             why = f"{robot.joints[worst]} goes from {ends[worst][0]:.4g} to {ends[worst][1]:.4g}, {limits}"
-        for j in mine:
-            own = named.get(j, "")
+        for j in columns:
+            stated = named.get(j, "")
             caveat = "; assumed" if unit == base else "" if unit else "; no usual unit fits: CHECK"
-            found[j] = Noticed(own, "named in the column") if own else Noticed(unit or base, why + caveat)
-    return found
+            noticed[j] = Noticed(stated, "named in the column") if stated else Noticed(unit or base, why + caveat)
+    return noticed
 
 
 def _fits(ends: Mapping[int, tuple[float, float]], factor: tuple[float, float], slides: bool, robot: Robot) -> bool:
@@ -450,25 +450,25 @@ def noticed_units(
     columns: (N,) [any unit] of each joint; positions: (N,) [rad or m] of those that have them, at seconds (N,) [s].
     """
     if kind in ("q", "q_des"):
-        counts = any(one.counts for one in guesses.values())
-        units = _position_units(columns, {j: one.unit for j, one in guesses.items()}, counts, robot)
+        counts = any(guess.counts for guess in guesses.values())
+        units = _position_units(columns, {j: guess.unit for j, guess in guesses.items()}, counts, robot)
         return {j: unit.with_caveat(nameless=guesses[j].bare and not guesses[j].unit) for j, unit in units.items()}
-    found: dict[int, Noticed] = {}
+    noticed: dict[int, Noticed] = {}
     for slides in (False, True):
-        mine = {j: columns[j] for j in guesses if bool(robot.prismatic[j]) == slides}
-        base, most = next(iter(OF[kind][slides])), max(map(_most, mine.values()), default=0.0)
+        group = {j: columns[j] for j in guesses if bool(robot.prismatic[j]) == slides}
+        base, most = next(iter(OF[kind][slides])), max(map(_most, group.values()), default=0.0)
         smaller = next((unit for unit, limit in UNIT_LIMITS.get(kind.removeprefix("abs_"), ()) if most > limit), "")
         unit = Noticed(smaller, f"reaches {most:.4g}") if smaller else Noticed(base, f"assumed; reaches {most:.4g}")
         if kind in ("dq", "dq_des"):
-            pairs = [(positions[j], x) for j, x in mine.items() if j in positions and len(seconds)]
+            pairs = [(positions[j], x) for j, x in group.items() if j in positions and len(seconds)]
             unit = _velocity_unit(pairs, seconds, slides)
         elif kind == "ddq":
             unit = Noticed(base, "assumed")
         elif kind == "pwm":
-            unit = _duty_unit(mine.values()) or unit
+            unit = _duty_unit(group.values()) or unit
         elif "tau" in kind:
-            percent, load = any("%" in guesses[j].column for j in mine), any(guesses[j].load for j in mine)
-            unit = _torque_unit(mine, base, robot).with_caveat(percent=percent, load=load)
-        for j in mine:
-            found[j] = Noticed(guesses[j].unit, "named in the column") if guesses[j].unit else unit
-    return found
+            percent, load = any("%" in guesses[j].column for j in group), any(guesses[j].load for j in group)
+            unit = _torque_unit(group, base, robot).with_caveat(percent=percent, load=load)
+        for j in group:
+            noticed[j] = Noticed(guesses[j].unit, "named in the column") if guesses[j].unit else unit
+    return noticed

@@ -46,13 +46,13 @@ class Conversion(Frozen):
     @property
     def joints(self) -> dict[str, list[str]]:
         """Kinds of columns by joint."""
-        found: dict[str, list[str]] = {}
+        kinds: dict[str, list[str]] = {}
         pairs = [split(name)[0] for name in self.columns if split(name)]
         sure = {joint for kind, joint in pairs if kind not in DRIVE}  # temp_room is no joint
         for kind, joint in pairs:
             if joint in sure:
-                found.setdefault(joint, []).append(kind)
-        return found
+                kinds.setdefault(joint, []).append(kind)
+        return kinds
 
 
 def convert(
@@ -75,15 +75,15 @@ def convert(
     joined = open_files(source, topics, read_map(columns, units, heading))
     opened, mapping = joined.opened, joined.mapping
     signals = _signals(opened, mapping)
-    time = next((each.column for each in signals if each.logical == "t" and each.mapped), "")
-    used = {each.column for each in signals if split(each.logical)}
+    time = next((signal.column for signal in signals if signal.logical == "t" and signal.mapped), "")
+    used = {signal.column for signal in signals if split(signal.logical)}
     left = [other for _, other, _ in rivals(opened.table, time, used)] if time else []
-    signals = [each for each in signals if each.column not in left]
+    signals = [signal for signal in signals if signal.column not in left]
     about, skipped = About.of(opened.table), []
-    found: dict[str, Array] = {}
+    kept: dict[str, Array] = {}
     stated: dict[str, str] = {}
     joints = Counter(_joint(signal) for signal in signals)
-    for signal in sorted(signals, key=lambda each: each.logical != "t"):
+    for signal in sorted(signals, key=lambda signal: signal.logical != "t"):
         try:
             values, unit = _values(opened, mapping, signal, robot)
         except RecordingError:
@@ -92,10 +92,10 @@ def convert(
                 raise  # of a joint that has other columns; any other one is text
             skipped.append(signal.column)
             continue
-        found[signal.logical] = values
+        kept[signal.logical] = values
         stated |= {signal.logical: unit} if unit else {}
     notes = list(about.notes)
-    if idle := [kind for kind in mapping.units if kind not in map(_kind, found)]:
+    if idle := [kind for kind in mapping.units if kind not in map(_kind, kept)]:
         notes.append(f"the unit of {', '.join(idle)} is unused: there is no such column")
     if skipped:
         notes.append(f"omitted, because they hold no numbers: {shorten(skipped)}")
@@ -103,27 +103,27 @@ def convert(
         notes.append(f"omitted, because they differ from the stated time: {shorten(left)}")
     strange = []
     if robot and mapping.named:
-        unmapped = [each.logical for each in signals if not each.mapped and each.logical in found]
+        unmapped = [signal.logical for signal in signals if not signal.mapped and signal.logical in kept]
         strange = [name for name in unmapped if _kind(name) not in ("", "t", *DRIVE) and resolve(name, robot) is None]
-    found = {name: values for name, values in found.items() if name not in strange}
+    kept = {name: values for name, values in kept.items() if name not in strange}
     if drop_missing:
-        found, dropped = _complete(found)
+        kept, dropped = _complete(kept)
         notes += dropped
-    pace, faults = _pace(opened.name, found)
+    pace, faults = _pace(opened.name, kept)
     flags = [*joined.flags, *faults]
     if robot and strange:
         flags.append(unknown_joints_flag(opened.name, robot, strange, "left out"))
     unread = ""
     if robot:
         try:
-            read_recording(found, robot, columns={})
+            read_recording(kept, robot, columns={})
         except RecordingError as error:
             unread = opened.name + str(error).removeprefix("the recording")
             flags.append(unread)
     file = Input(opened.path or opened.name, opened.sha256, "converted")
-    notes += [] if flags else _lacking(found, about)
+    notes += [] if flags else _lacking(kept, about)
     ends = tuple(flags), tuple(dict.fromkeys(notes))
-    return Conversion(found, file, about, stated, pace, *ends, joined.files, unread)
+    return Conversion(kept, file, about, stated, pace, *ends, joined.files, unread)
 
 
 def _kind(name: str) -> str:
@@ -165,22 +165,22 @@ def _values(opened: Opened, mapping: ParsedColumns, signal: Signal, robot: Robot
     return values, stated.unit if stated else ""
 
 
-def _complete(found: Mapping[str, Array]) -> tuple[dict[str, Array], list[str]]:
+def _complete(columns: Mapping[str, Array]) -> tuple[dict[str, Array], list[str]]:
     """Rows with all values that identification needs, and a note; columns without any value are ignored."""
-    needed = [name for name in found if _kind(name) in ("t", "q", *TORQUES)]
-    empty = np.array([np.isnan(found[name]) for name in needed if not np.isnan(found[name]).all()])
+    needed = [name for name in columns if _kind(name) in ("t", "q", *TORQUES)]
+    empty = np.array([np.isnan(columns[name]) for name in needed if not np.isnan(columns[name]).all()])
     lacks = np.asarray(empty.any(axis=0)) if len(empty) else np.zeros(1, bool)
     if not lacks.any():
-        return dict(found), []
-    complete = {name: values[~lacks] for name, values in found.items()}
+        return dict(columns), []
+    complete = {name: values[~lacks] for name, values in columns.items()}
     return complete, [f"{int(lacks.sum())} of {len(lacks)} rows lack a value and are omitted, which bridges short gaps"]
 
 
-def _pace(name: str, found: Mapping[str, Array]) -> tuple[Pace | None, list[str]]:
+def _pace(name: str, columns: Mapping[str, Array]) -> tuple[Pace | None, list[str]]:
     """Timing of the rows, and its faults."""
-    if "t" not in found:
+    if "t" not in columns:
         return None, []
-    stamps = found["t"]
+    stamps = columns["t"]
     alone = Recording((), MemoryTable({"t": stamps}, {}, name), {"t": ("t",)}, np.ones(0), np.ones(0, bool))
     try:
         clock = read_clock(alone, name)
@@ -193,9 +193,9 @@ def _pace(name: str, found: Mapping[str, Array]) -> tuple[Pace | None, list[str]
     return pace, [f"{name}: time goes back after {back} of its rows; sort the rows by time"] if back else []
 
 
-def _lacking(found: Mapping[str, Array], about: About) -> Iterator[str]:
+def _lacking(columns: Mapping[str, Array], about: About) -> Iterator[str]:
     """Notes on missing columns that identification needs."""
-    kinds = {*map(_kind, found)}
+    kinds = {*map(_kind, columns)}
     driven = kinds & {*TORQUES} or "q_des" in kinds
     for has, signal in (("t" in kinds, "time t"), ("q" in kinds, "position q_J"), (driven, "torque tau_J")):
         if not has and not any("no torque" in note for note in about.notes if signal.startswith("torque")):

@@ -82,20 +82,20 @@ class _Part(NamedTuple):
 
     def stream(self) -> TimedColumns:
         wraps = {
-            each.name: 0.8 * float(np.nanmax(values) - np.nanmin(values)) if np.isnan(each.wrap) else each.wrap
-            for each in self.named
-            if (values := self.columns.get(each.name)) is not None and np.isfinite(values).any()
+            column.name: 0.8 * float(np.nanmax(values) - np.nanmin(values)) if np.isnan(column.wrap) else column.wrap
+            for column in self.named
+            if (values := self.columns.get(column.name)) is not None and np.isfinite(values).any()
         }
         return TimedColumns(self.file.name, self.file.t, self.columns, wraps, "row")
 
     def tracks(self, since: int) -> dict[tuple[str, str], Readings]:
         t = (self.file.t - since) / 1e9
-        found = {}
-        for each in self.named:
-            if each.kind and (values := self.columns.get(each.name)) is not None:
+        tracks = {}
+        for column in self.named:
+            if column.kind and (values := self.columns.get(column.name)) is not None:
                 known = np.isfinite(values)
-                found[each.kind, each.joint] = Readings(t[known], values[known])
-        return found
+                tracks[column.kind, column.joint] = Readings(t[known], values[known])
+        return tracks
 
 
 def _opened(source: Files, topics: Sequence[str], mapping: ParsedColumns) -> list[Opened]:
@@ -107,21 +107,21 @@ def _opened(source: Files, topics: Sequence[str], mapping: ParsedColumns) -> lis
     with_topics = [path.exists() and type(find_format(path)).select is not Format.select for path in paths]
     if topics and not any(with_topics):
         raise OptionError(f"none of {shorten([str(path) for path in paths])} has topics; remove --topic")
-    found = []
+    opened_files = []
     for path, has in zip(paths, with_topics, strict=True):
         opened = open_source(path, topics if has else (), mapping.heading)
         require_memory(path, 24.0 * opened.table.rows * len(opened.table.columns), "join shorter files")
-        found.append(opened)
-    return found
+        opened_files.append(opened)
+    return opened_files
 
 
 def _part(file: Timed, named: Sequence[NamedColumn]) -> _Part:
     columns, unusable = {}, {}
-    for each in named:
+    for column in named:
         try:
-            columns[each.name] = file.values(each.column)
+            columns[column.name] = file.values(column.column)
         except RecordingError:
-            unusable[each.name] = "holds no numbers"
+            unusable[column.name] = "holds no numbers"
     return _Part(file, columns, named, unusable)
 
 
@@ -131,18 +131,18 @@ def _stated(source: Files, files: Sequence[Timed]) -> dict[int, float]:
     Raises:
         OptionError: an offset of no file, or of two.
     """
-    found: dict[int, float] = {}
-    for given, seconds in source.offsets.items():
+    offsets: dict[int, float] = {}
+    for file_name, seconds in source.offsets.items():
         paths = [file.opened.path for file in files]
-        mine = [k for k, path in enumerate(paths) if Path(path) == Path(given)]
-        mine = mine or [k for k, path in enumerate(paths) if Path(path).name == given]
-        if len(mine) != 1:
-            fault = "is none of the files" if not mine else "is the name of several files"
-            raise OptionError(f"--offset {given}={seconds:g}: {given} {fault}; give one of {shorten(paths)}")
-        found[mine[0]] = seconds
-    if found and (own := found.pop(0, 0.0)):
-        found = {k: found.get(k, 0.0) - own for k in range(1, len(files))}
-    return found
+        matching = [k for k, path in enumerate(paths) if Path(path) == Path(file_name)]
+        matching = matching or [k for k, path in enumerate(paths) if Path(path).name == file_name]
+        if len(matching) != 1:
+            fault = "is none of the files" if not matching else "is the name of several files"
+            raise OptionError(f"--offset {file_name}={seconds:g}: {file_name} {fault}; give one of {shorten(paths)}")
+        offsets[matching[0]] = seconds
+    if offsets and (first_offset := offsets.pop(0, 0.0)):
+        offsets = {k: offsets.get(k, 0.0) - first_offset for k in range(1, len(files))}
+    return offsets
 
 
 def _aligned(
@@ -157,28 +157,28 @@ def _aligned(
     overlap = (min(first.t[-1], other.t[-1]) - max(first.t[0], other.t[0])) / 1e9
     apart = overlap <= 0
     since = int(other.t[0]) if apart else int(first.t[0])
-    found = estimate_offset(parts[0].tracks(int(first.t[0])), parts[k].tracks(since), max(0.0, overlap))
-    shift = 0.0 if isinstance(found, str) else found.shift.seconds
+    offset = estimate_offset(parts[0].tracks(int(first.t[0])), parts[k].tracks(since), max(0.0, overlap))
+    shift = 0.0 if isinstance(offset, str) else offset.shift.seconds
     if apart:
-        if isinstance(found, str):
-            raise RecordingError(_unknown(first, other, found))
+        if isinstance(offset, str):
+            raise RecordingError(_unknown(first, other, offset))
         total = shift + (int(first.t[0]) - since) / 1e9
-        said = (
-            f"{other.name}: its clock and that of {first.name} do not overlap; {_number(total, found)} is added to its"
+        fact = (
+            f"{other.name}: its clock and that of {first.name} do not overlap; {_number(total, offset)} is added to its"
         )
-        said += f" times, as {_basis(found)} shows"
-        if found.command:
-            flags.append(f"{said}; the lag of the servo cannot be distinguished from it and is removed with it")
+        fact += f" times, as {_basis(offset)} shows"
+        if offset.command:
+            flags.append(f"{fact}; the lag of the servo cannot be distinguished from it and is removed with it")
         else:
-            notes.append(said)
-        return JoinedFile(path, digest, total, total, found.shift.std)
-    if isinstance(found, str):
-        notes += [f"{other.name}: its clock is used as it is (--align: {found})"] if align else []
+            notes.append(fact)
+        return JoinedFile(path, digest, total, total, offset.shift.std)
+    if isinstance(offset, str):
+        notes += [f"{other.name}: its clock is used as it is (--align: {offset})"] if align else []
         return JoinedFile(path, digest, 0.0, None, None)
-    used = _judged(first, other, found, align, notes, flags)
+    used = _judged(first, other, offset, align, notes, flags)
     if used is None:
         return JoinedFile(path, digest, 0.0, None, None)
-    return JoinedFile(path, digest, used, shift, found.shift.std)
+    return JoinedFile(path, digest, used, shift, offset.shift.std)
 
 
 def _judged(first: Timed, other: Timed, found: Offset, align: bool, notes: list[str], flags: list[str]) -> float | None:
@@ -208,13 +208,13 @@ def _judged(first: Timed, other: Timed, found: Offset, align: bool, notes: list[
     return 0.0
 
 
-def _number(seconds: float, found: Offset) -> str:
-    digits = max(0, min(6, 1 - int(np.floor(np.log10(max(found.shift.std, 1e-6))))))
-    return f"{seconds:.{digits}f} s (std {found.shift.std:.2g} s)"
+def _number(seconds: float, offset: Offset) -> str:
+    digits = max(0, min(6, 1 - int(np.floor(np.log10(max(offset.shift.std, 1e-6))))))
+    return f"{seconds:.{digits}f} s (std {offset.shift.std:.2g} s)"
 
 
-def _basis(found: Offset) -> str:
-    return f"the comparison of {shorten(list(found.pairs), 2)}"
+def _basis(offset: Offset) -> str:
+    return f"the comparison of {shorten(list(offset.pairs), 2)}"
 
 
 def _unknown(first: Timed, other: Timed, why: str) -> str:
@@ -329,7 +329,7 @@ def read_times(opened: Opened, mapping: ParsedColumns, notes: list[str]) -> Time
         raise RecordingError(f"{name} has columns but no samples; record the robot in motion")
     column, unit, mapped = _time_column(opened, mapping)
     if mapping.heading.rate is None and not mapped:
-        ask_for_time(table, column, {each for each in table.columns if split(each)}, name)
+        ask_for_time(table, column, {column for column in table.columns if split(column)}, name)
     raw = table.read([column], 0, table.rows)[:, 0]
     since = getattr(table, "since", {}).get(column, 0)
     change = Change() if since else _change(raw, unit, name, column, mapping, notes)
@@ -360,7 +360,7 @@ def read_times(opened: Opened, mapping: ParsedColumns, notes: list[str]) -> Time
 def in_one_unit(files: Sequence[Timed], notes: list[str]) -> list[Timed]:
     """Files of which those without a stated unit of time are in the unit that makes them as long as the others."""
     shortest = min(files, key=lambda file: np.ptp(file.seconds))
-    found = []
+    files_in_unit = []
     for file in files:
         ratio = float(np.ptp(file.seconds) / np.ptp(shortest.seconds))
         unit = next((name for name, times in SMALLER.items() if abs(ratio / times - 1) < LENGTH_TOLERANCE), "")
@@ -372,8 +372,8 @@ def in_one_unit(files: Sequence[Timed], notes: list[str]) -> list[Timed]:
             t = np.rint(file.t / times).astype(np.int64)
             fresh = np.diff(t, prepend=t[0] - 1) > 0
             file = file._replace(t=t[fresh], rows=file.rows[fresh], seconds=file.seconds[fresh] / times)
-        found.append(file)
-    return found
+        files_in_unit.append(file)
+    return files_in_unit
 
 
 def _time_column(opened: Opened, mapping: ParsedColumns) -> tuple[str, str, bool]:
@@ -391,11 +391,11 @@ def _time_column(opened: Opened, mapping: ParsedColumns) -> tuple[str, str, bool
 
 def _change(raw: Array, named: str, name: str, column: str, mapping: ParsedColumns, notes: list[str]) -> Change:
     """Conversion of times (N,) [any unit] to seconds; a unit in the name of the column is nearest to the file."""
-    own = mapping.own.get("t") if mapping.named.get("t") == column else None
-    if isinstance(own, Change):
-        return own
+    map_unit = mapping.own.get("t") if mapping.named.get("t") == column else None
+    if isinstance(map_unit, Change):
+        return map_unit
     stated = mapping.units.get("t", "")
-    unit = named or own or ("" if stated == "s" else stated)
+    unit = named or map_unit or ("" if stated == "s" else stated)
     noticed = time_unit(raw, unit)
     if not unit and noticed.unit != "s":
         notes.append(f"{name}: time {column!r} is read in {noticed.unit}, because it {noticed.why}")
@@ -404,10 +404,10 @@ def _change(raw: Array, named: str, name: str, column: str, mapping: ParsedColum
 
 def stems(files: Sequence[Timed]) -> list[str]:
     """Name that each file gives its joint: its own without the ending, or that of its folder if the files share it."""
-    paths = [Path(each.opened.path) for each in files]
-    own = [Path(path.name.removesuffix(".gz")).stem for path in paths]
+    paths = [Path(file.opened.path) for file in files]
+    names = [Path(path.name.removesuffix(".gz")).stem for path in paths]
     folders = [path.resolve().parent.name for path in paths]
-    return own if len({*own}) == len(own) or len({*folders}) < len(own) else folders
+    return names if len({*names}) == len(names) or len({*folders}) < len(names) else folders
 
 
 class NamedColumn(NamedTuple):
@@ -431,22 +431,22 @@ def name_columns(files: Sequence[Timed], mapping: ParsedColumns, notes: list[str
     """
     own_signals = (own_columns(mapping, file.opened).signals(file.opened.table.columns, file.name) for file in files)
     signals = [[s for s in own if s.column != file.column] for own, file in zip(own_signals, files, strict=True)]
-    bare = [{s.column: one for s in own if not s.mapped and (one := _without_joint(s.column))} for own in signals]
-    kinds = [{(one.kind, one.desired) for one in own.values()} for own in bare]
-    found: list[list[NamedColumn]] = []
+    bare = [{s.column: meant for s in own if not s.mapped and (meant := _without_joint(s.column))} for own in signals]
+    kinds = [{(meant.kind, meant.desired) for meant in own.values()} for own in bare]
+    columns: list[list[NamedColumn]] = []
     for k, (file, stem) in enumerate(zip(files, stems(files), strict=True)):
         others = set().union(*(kinds[:k] + kinds[k + 1 :]))
         own = bare[k] if kinds[k] & others else {}
-        found.append([_named(signal, own.get(signal.column), stem, mapping) for signal in signals[k]])
+        columns.append([_named(signal, own.get(signal.column), stem, mapping) for signal in signals[k]])
         if own:
             notes.append(f"{file.name}: columns without a joint in their names are those of the joint {stem}")
-    return _distinct(files, found)
+    return _distinct(files, columns)
 
 
 def _without_joint(column: str) -> Guess | None:
     """Meaning of a column whose name has a kind of signal and no joint; None for others."""
-    one = guess(f"{ANY} {column}")
-    return one if one and one.joint == ANY and one.kind != "t" and not one.bare else None
+    guessed = guess(f"{ANY} {column}")
+    return guessed if guessed and guessed.joint == ANY and guessed.kind != "t" and not guessed.bare else None
 
 
 def _named(signal: Signal, bare: Guess | None, stem: str, mapping: ParsedColumns) -> NamedColumn:
@@ -456,38 +456,41 @@ def _named(signal: Signal, bare: Guess | None, stem: str, mapping: ParsedColumns
         name = f"{stem} {signal.column}" if unclear else f"{bare.kind}_{stem}{unit}"
         kind = "" if bare.desired else bare.kind
         return NamedColumn(signal.column, name, kind, stem, _wrap(kind, bare.unit, mapping, None))
-    own = mapping.own.get(signal.logical) if signal.mapped else None
+    in_map = mapping.own.get(signal.logical) if signal.mapped else None
     if pairs := split(signal.logical):
-        return NamedColumn(signal.column, signal.column, *pairs[0], _wrap(pairs[0][0], signal.unit, mapping, own))
-    one = guess(signal.column)
-    if one is None or one.desired or one.kind == "t":
+        return NamedColumn(signal.column, signal.column, *pairs[0], _wrap(pairs[0][0], signal.unit, mapping, in_map))
+    meant = guess(signal.column)
+    if meant is None or meant.desired or meant.kind == "t":
         return NamedColumn(signal.column, signal.column, "", "")
-    wrap = _wrap(one.kind, one.unit, mapping, None) if one.unit or one.kind in mapping.units else float("nan")
-    return NamedColumn(signal.column, signal.column, one.kind, one.joint, wrap)
+    wrap = _wrap(meant.kind, meant.unit, mapping, None) if meant.unit or meant.kind in mapping.units else float("nan")
+    return NamedColumn(signal.column, signal.column, meant.kind, meant.joint, wrap)
 
 
-def _wrap(kind: str, unit: str, mapping: ParsedColumns, own: str | Change | None) -> float:
+def _wrap(kind: str, unit: str, mapping: ParsedColumns, map_unit: str | Change | None) -> float:
     """Jump of a position that is a wrap of its encoder [unit of the column]; infinite for other kinds."""
     if kind not in ("q", "q_des"):
         return float("inf")
-    stated = own or mapping.units.get(kind) or unit or "rad"
+    stated = map_unit or mapping.units.get(kind) or unit or "rad"
     change = stated if isinstance(stated, Change) else change_of(stated, kind, None, "the column map")
     return WRAP * change.over / abs(change.scale) if change.scale else float("inf")
 
 
-def _distinct(files: Sequence[Timed], found: list[list[NamedColumn]]) -> list[list[NamedColumn]]:
+def _distinct(files: Sequence[Timed], columns: list[list[NamedColumn]]) -> list[list[NamedColumn]]:
     """Columns with different names: the same signal twice is an error, other columns get the name of their file."""
     first: dict[str, tuple[Timed, str]] = {}
-    for file, own in zip(files, found, strict=True):
-        for each in own:
-            for key in (f"{each.kind}_{each.joint}",) if each.kind else ():
+    for file, group in zip(files, columns, strict=True):
+        for column in group:
+            for key in (f"{column.kind}_{column.joint}",) if column.kind else ():
                 if key in first and first[key][0] is not file:
                     both = f"{first[key][0].name} and {file.name} both have the signal {key}"
-                    names = f"columns {first[key][1]!r} and {each.column!r}"
+                    names = f"columns {first[key][1]!r} and {column.column!r}"
                     raise RecordingError(f"{both} ({names}); leave it out of one file, or rename its joint")
-                first[key] = file, each.column
-    all_names = [each.name for own in found for each in own]
+                first[key] = file, column.column
+    all_names = [column.name for group in columns for column in group]
     return [
-        [each._replace(name=f"{each.name} of {stem}") if all_names.count(each.name) > 1 else each for each in own]
-        for own, stem in zip(found, stems(files), strict=True)
+        [
+            column._replace(name=f"{column.name} of {stem}") if all_names.count(column.name) > 1 else column
+            for column in group
+        ]
+        for group, stem in zip(columns, stems(files), strict=True)
     ]

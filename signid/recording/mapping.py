@@ -117,8 +117,8 @@ class ParsedColumns(NamedTuple):
         """
         plain = {bracketed(name)[0]: name for name in reversed(columns)}
         taken = {*self.named}
-        for key, given in self.named.items():
-            column = given if given in columns else plain.get(given, given)
+        for key, wanted in self.named.items():
+            column = wanted if wanted in columns else plain.get(wanted, wanted)
             if column not in columns:
                 close = get_close_matches(column, columns, 1)
                 meant = f"; did you mean {key} = {json.dumps(close[0], ensure_ascii=False)}?" if close else ""
@@ -148,8 +148,8 @@ class ParsedColumns(NamedTuple):
 
 def _lower_kind(name: str) -> str:
     """A column name whose kind is written as here: Q_1 is q_1, T is t."""
-    found = (kind for kind in KINDS if name.lower().startswith(f"{kind}_"))
-    kind = "t" if name == "T" else next(found, "")
+    kinds = (kind for kind in KINDS if name.lower().startswith(f"{kind}_"))
+    kind = "t" if name == "T" else next(kinds, "")
     return kind + name[len(kind) :]
 
 
@@ -177,7 +177,7 @@ def read_map(
         except ValueError as error:
             raise RecordingError(f'{name} is not TOML such as q_elbow = "elbow_pos": {error}') from error
     named: dict[str, str] = {}
-    own: dict[str, str | Change] = {}
+    stated_units: dict[str, str | Change] = {}
     sections = {key: _section(name, table, key) for key in SECTIONS}
     time = sections["clock"].get("time")
     columns = {**sections["columns"], **({} if time is None else {"t": time})}
@@ -187,7 +187,7 @@ def read_map(
         if key != "t" and not split(key):
             raise RecordingError(f"{name} gives {key!r}; expected t, or {'_, '.join(reversed(KINDS))}_ and a joint")
         named[key], unit = _column(name, key, value)
-        own |= {key: unit} if unit else {}
+        stated_units |= {key: unit} if unit else {}
     for (key, column), (twin, other) in permutations(named.items(), 2):
         if column == other:
             raise RecordingError(f"{name} uses column {column!r} for both {key} and {twin}; each needs its own")
@@ -211,7 +211,7 @@ def read_map(
     if gravity is not None and not (isinstance(gravity, list) and len(gravity) == 3 and all(map(_is_number, gravity))):
         raise RecordingError(f"{name} gives gravity the vector {gravity!r}; expected [0, 0, -9.81] in m/s2")
     vector = None if gravity is None else tuple(gravity)
-    return ParsedColumns(named, own, by_kind, joints, pattern, merged, tuple(missing), constants, vector)
+    return ParsedColumns(named, stated_units, by_kind, joints, pattern, merged, tuple(missing), constants, vector)
 
 
 def _section(name: str, table: Mapping[str, Any], key: str) -> Mapping[str, Any]:
@@ -220,11 +220,11 @@ def _section(name: str, table: Mapping[str, Any], key: str) -> Mapping[str, Any]
     Raises:
         RecordingError: it is no section, or has an unknown key.
     """
-    found, known = table.get(key, {}), SECTIONS[key]
-    if not isinstance(found, Mapping) or (known and not {*found} <= {*known}):
+    section, known = table.get(key, {}), SECTIONS[key]
+    if not isinstance(section, Mapping) or (known and not {*section} <= {*known}):
         expected = f"lines of {' or '.join(known)} below [{key}]" if known else f"lines below [{key}]"
-        raise RecordingError(f"{name} gives {key} = {found!r}; expected {expected}")
-    return found
+        raise RecordingError(f"{name} gives {key} = {section!r}; expected {expected}")
+    return section
 
 
 def _is_number(value: object) -> bool:
@@ -245,14 +245,14 @@ def read_heading(name: str, skip: object, names: object, rate: object = None) ->
     if not isinstance(skip, int) or isinstance(skip, bool) or not 0 <= skip <= MOST_SKIPPED:
         raise RecordingError(f"{name} gives skip = {skip!r}; expected a number of lines, 0 to {MOST_SKIPPED}")
     form = 'names = ["t", "q_1", "tau_1"]'
-    if not isinstance(names, Sequence) or isinstance(names, str) or not all(isinstance(each, str) for each in names):
+    if not isinstance(names, Sequence) or isinstance(names, str) or not all(isinstance(text, str) for text in names):
         raise RecordingError(f"{name} gives names = {names!r}; expected a list of names of columns, {form}")
-    filled = [each.strip() for each in names]
+    filled = [text.strip() for text in names]
     if len(filled) > MOST_NAMES:
         raise RecordingError(
             f"{name} gives {len(filled)} names, more than {MOST_NAMES}; name only columns of the robot"
         )
-    if twice := next((each for each, count in Counter(filled).items() if each and count > 1), ""):
+    if twice := next((text for text, count in Counter(filled).items() if text and count > 1), ""):
         raise RecordingError(f"{name} gives the name {twice!r} to two columns; give every column its own name")
     return Heading(skip, tuple(filled), None if rate is None else hertz)
 
@@ -337,20 +337,20 @@ def revised_map(
 
 
 def _changed(parsed: ParsedColumns, key: str, column: str, turned: Turned) -> Change:
-    own, kind = parsed.own.get(key, ""), split(key)[0][0]
+    change, kind = parsed.own.get(key, ""), split(key)[0][0]
     unit = parsed.units.get(kind, "") or bracketed(column)[1]
-    if not isinstance(own, Change):
-        own = change_of(own or unit, kind, False, f"column map: {key}") if own or unit else Change()
+    if not isinstance(change, Change):
+        change = change_of(change or unit, kind, False, f"column map: {key}") if change or unit else Change()
     shift = turned.zero if kind in SHIFTED else 0.0
-    return Change(turned.sign * own.scale, own.over, turned.sign * own.offset + shift)
+    return Change(turned.sign * change.scale, change.over, turned.sign * change.offset + shift)
 
 
-def entry(key: str, column: str, own: str | Change) -> str:
+def entry(key: str, column: str, stated: str | Change) -> str:
     """Line of a column map; own: unit, "" if none is stated, or scale and offset."""
-    if isinstance(own, Change):
-        numbers = f"scale = {own.scale / own.over:.12g}, offset = {own.offset:.6g}"
+    if isinstance(stated, Change):
+        numbers = f"scale = {stated.scale / stated.over:.12g}, offset = {stated.offset:.6g}"
         return f"{key_of(key)} = {{ column = {quoted(column)}, {numbers} }}"
-    unit = f", unit = {quoted(own)}" if own else ""
+    unit = f", unit = {quoted(stated)}" if stated else ""
     return f"{key_of(key)} = {{ column = {quoted(column)}{unit} }}" if unit else f"{key_of(key)} = {quoted(column)}"
 
 
@@ -399,13 +399,15 @@ def read_calibration(path: str | Path) -> Mapping[str, MotorRange]:
     form = '{"shoulder_pan": {"range_min": 812, "range_max": 3310}, ...}'
     try:
         content = read_json(Path(path))
-        ranges = {str(name): MotorRange(*(float(each[key]) for key in KEYS)) for name, each in content.items()}
+        ranges = {str(name): MotorRange(*(float(motor[key]) for key in KEYS)) for name, motor in content.items()}
     except OSError as error:
         raise RecordingError(f"calibration {path} cannot be read: {error.strerror}") from error
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
         raise RecordingError(f"{path} is no calibration of LeRobot; expected {form}") from error
     bad = [
-        name for name, each in ranges.items() if not (np.isfinite(each).all() and 0 < each.high - each.low <= COUNTS)
+        name
+        for name, motor in ranges.items()
+        if not (np.isfinite(motor).all() and 0 < motor.high - motor.low <= COUNTS)
     ]
     if bad or not ranges:
         fault = f"has no valid range of {shorten(bad)}" if bad else "names no motor"
@@ -424,7 +426,7 @@ def calibrated(values: Mapping[str, Array], ranges: Mapping[str, MotorRange]) ->
     most = {name: max(-low, high) for name, (low, high) in ends.items() if name in ranges and name not in grippers}
     degrees = any(size > PERCENT + PERCENT_ROUNDING for size in most.values())
     sure = any(size > np.degrees(ranges[name].angle) / 2 + PERCENT_ROUNDING for name, size in most.items())
-    found: dict[str, Calibrated] = {}
+    conversions: dict[str, Calibrated] = {}
     for name in values:
         if name not in ranges:
             continue
@@ -432,10 +434,10 @@ def calibrated(values: Mapping[str, Array], ranges: Mapping[str, MotorRange]) ->
         whole = f"{np.degrees(angle):.4g} degrees, the range in the calibration file"
         if name in grippers:
             change = Change(angle / PERCENT, 1.0, -angle / 2)
-            found[name] = Calibrated(change, f"0 to 100 % of {whole}; zero in its middle is assumed: CHECK")
+            conversions[name] = Calibrated(change, f"0 to 100 % of {whole}; zero in its middle is assumed: CHECK")
         elif degrees:
-            found[name] = Calibrated(None, "one joint goes beyond 100, so these are degrees")
+            conversions[name] = Calibrated(None, "one joint goes beyond 100, so these are degrees")
         else:
             caveat = "" if sure else "; these may be degrees: CHECK"
-            found[name] = Calibrated(Change(angle / (2 * PERCENT)), f"-100 to 100 % of {whole}{caveat}")
-    return found
+            conversions[name] = Calibrated(Change(angle / (2 * PERCENT)), f"-100 to 100 % of {whole}{caveat}")
+    return conversions

@@ -46,16 +46,18 @@ def guess_columns(columns: Sequence[str], robot: Robot) -> list[Guess]:
     others of their kind are.
     """
     known = known_joints(robot)
-    found = [one for column in columns if (one := guess(column, known))]
-    if not any(one.kind == "t" for one in found):
-        ticks = {one.column for one in found if one.counts and not one.joint and "tick" in one.column.lower()}
-        found = [one._replace(kind="t", counts=False) if one.column in ticks else one for one in found]
+    guesses = [one for column in columns if (one := guess(column, known))]
+    if not any(one.kind == "t" for one in guesses):
+        ticks = {one.column for one in guesses if one.counts and not one.joint and "tick" in one.column.lower()}
+        guesses = [one._replace(kind="t", counts=False) if one.column in ticks else one for one in guesses]
     if len(robot.joints) == 1:
-        found = [one if one.kind == "t" or one.joint else one._replace(joint=robot.joints[0]) for one in found]
-    found = [one for one in found if one.joint or one.kind == "t"]
-    named = {one.kind for one in found if not one.bare}
-    found = [one for one in found if not (one.bare and one.kind in named)]
-    return found if any(one.kind == "q" for one in found) else [*found, *_unnamed_positions(columns, found, robot)]
+        guesses = [one if one.kind == "t" or one.joint else one._replace(joint=robot.joints[0]) for one in guesses]
+    guesses = [one for one in guesses if one.joint or one.kind == "t"]
+    named = {one.kind for one in guesses if not one.bare}
+    guesses = [one for one in guesses if not (one.bare and one.kind in named)]
+    return (
+        guesses if any(one.kind == "q" for one in guesses) else [*guesses, *_unnamed_positions(columns, guesses, robot)]
+    )
 
 
 def guess(column: str, known: Collection[str] = ()) -> Guess | None:
@@ -71,7 +73,7 @@ def guess(column: str, known: Collection[str] = ()) -> Guess | None:
     name, unit = bracketed(column)
     if unit and split(name) and (plain := guess(name, known)) and plain.plain:
         return plain._replace(column=column, unit=unit)
-    found = _by_words(column, known)
+    meant = _by_words(column, known)
     if pairs := split(column):
         for kind, token in pairs:
             if token in known:
@@ -79,16 +81,16 @@ def guess(column: str, known: Collection[str] = ()) -> Guess | None:
         pairs = [pair for pair in pairs if pair[0] not in DRIVE]
     if pairs:
         sides = {VOCABULARY.get(word, Word()).side for word in words_of(pairs[0][1])}
-        other = found is None or found.desired or found.kind != pairs[0][0]
+        other = meant is None or meant.desired or meant.kind != pairs[0][0]
         stated = sides & {"commanded", "absolute", "none", "rate"} or "current" in column.lower()
         if not (other and (stated or "d" in words_of(pairs[0][1]))):
             return Guess(column, *pairs[0], "", True)
     last = column.rpartition(".")[2]
-    if last != column and (found is None or found.kind == "t"):
+    if last != column and (meant is None or meant.kind == "t"):
         halved = last.lower() in UNITS  # stamp.secs, beside stamp.nsecs
         stamp = None if halved else guess(last)  # header.stamp
-        return stamp._replace(column=column, plain=False) if stamp and stamp.kind == "t" else None if halved else found
-    return found
+        return stamp._replace(column=column, plain=False) if stamp and stamp.kind == "t" else None if halved else meant
+    return meant
 
 
 def known_joints(robot: Robot) -> frozenset[str]:
@@ -98,8 +100,8 @@ def known_joints(robot: Robot) -> frozenset[str]:
 
 def match_signals(guesses: Sequence[Guess], robot: Robot) -> Iterator[tuple[str, Guess]]:
     """Signal names, such as q_elbow, and their columns, in the order of the columns; each signal once."""
-    kinds = dict.fromkeys((one.kind, one.desired) for one in guesses if one.kind != "t")
-    groups = {each: [one for one in guesses if (one.kind, one.desired) == each] for each in kinds}
+    kinds = dict.fromkeys((column.kind, column.desired) for column in guesses if column.kind != "t")
+    groups = {kind: [column for column in guesses if (column.kind, column.desired) == kind] for kind in kinds}
     numbers = set[int]()
     for group in groups.values():
         tokens = [*dict.fromkeys(column.joint for column in group)]
@@ -107,22 +109,22 @@ def match_signals(guesses: Sequence[Guess], robot: Robot) -> Iterator[tuple[str,
             numbers |= {*numbered.values()}
     # joints are numbered from zero if one number is zero, none is too large, and no joint is named so
     zero = 0 in numbers and 0 not in last_numbers(robot) and max(_by_number(robot)) not in numbers
-    joints = {each: _joints_of(own, robot, zero) for each, own in groups.items()}
+    joints = {kind: _joints_of(group, robot, zero) for kind, group in groups.items()}
     seen = set()
-    for one in guesses:
-        joint = "" if one.kind == "t" else joints[one.kind, one.desired].get(one.joint, "")
-        key = f"{one.kind}_{joint}", one.desired
+    for column in guesses:
+        joint = "" if column.kind == "t" else joints[column.kind, column.desired].get(column.joint, "")
+        key = f"{column.kind}_{joint}", column.desired
         if joint and key not in seen:
             seen.add(key)
-            yield key[0], one
+            yield key[0], column
 
 
 def _match_names(tokens: Sequence[str], joints: Sequence[str], robot: Robot) -> dict[str, str]:
     """Joints by their names in the source, as far as they are alike; `joints` are those to choose from."""
     if not tokens or not joints:
         return {}
-    if found := _by_limb(tokens, joints, robot):
-        return found
+    if matched := _by_limb(tokens, joints, robot):
+        return matched
     from scipy.optimize import linear_sum_assignment  # imported here, because it is slow
 
     alike = np.array([[_likeness(token, joint, robot, tokens) for joint in joints] for token in tokens])
@@ -138,16 +140,16 @@ def pair_in_order(guesses: Sequence[Guess], signals: Mapping[str, Guess], robot:
     signals: columns by signal name, such as q_elbow, that have a joint.
     """
     chain = _chain(robot)
-    joints = {one.joint: key[len(one.kind) + 1 :] for key, one in signals.items()}
-    measured = [one for one in guesses if one.kind != "t" and not one.desired]
-    tokens = dict.fromkeys(one.joint for one in measured if one.kind in ("q", "q_des"))
+    joints = {column.joint: key[len(column.kind) + 1 :] for key, column in signals.items()}
+    measured = [column for column in guesses if column.kind != "t" and not column.desired]
+    tokens = dict.fromkeys(column.joint for column in measured if column.kind in ("q", "q_des"))
     places = [chain.index(joints[token]) for token in tokens if token in joints]
     backwards = sum(b < a for a, b in pairwise(places)) > len(places) / 2 - 0.5 and len(places) > 1
     lacking = [joint for joint in (reversed(chain) if backwards else chain) if joint not in joints.values()]
     pairs = dict(zip((token for token in tokens if token not in joints), lacking, strict=False))
-    for one in measured:
-        if one.joint in pairs and (key := f"{one.kind}_{pairs[one.joint]}") not in signals:
-            yield key, one
+    for column in measured:
+        if column.joint in pairs and (key := f"{column.kind}_{pairs[column.joint]}") not in signals:
+            yield key, column
 
 
 def _by_pattern(tokens: Sequence[str], joints: Sequence[str]) -> dict[str, str]:
@@ -155,8 +157,8 @@ def _by_pattern(tokens: Sequence[str], joints: Sequence[str]) -> dict[str, str]:
     around: dict[tuple[str, str], dict[str, str]] = {}
     for token in tokens:
         for joint in joints:
-            before, found, behind = token.partition(joint)
-            if found and not before[-1:].isalnum() and not behind[:1].isalnum():
+            before, match, behind = token.partition(joint)
+            if match and not before[-1:].isalnum() and not behind[:1].isalnum():
                 around.setdefault((before, behind), {})[token] = joint
     best = max(around.values(), key=len, default={})
     return best if len(best) > 1 or len(joints) == 1 else {}
@@ -229,28 +231,28 @@ def _kind(words: Sequence[tuple[str, Word]]) -> tuple[str | None, bool, bool]:
 def _named_joint(column: str, known: Collection[str]) -> tuple[str, str]:
     """The joint whose whole name a column has, "" without one, and the column without it."""
     for joint in sorted((name for name in known if not name.isdecimal()), key=len, reverse=True):
-        if found := re.search(rf"(?<![^\W_]){re.escape(joint)}(?![^\W_])", column, re.IGNORECASE):
-            if rest := (column[: found.start()] + " " + column[found.end() :]).strip(" _/."):
+        if match := re.search(rf"(?<![^\W_]){re.escape(joint)}(?![^\W_])", column, re.IGNORECASE):
+            if rest := (column[: match.start()] + " " + column[match.end() :]).strip(" _/."):
                 return joint, rest
     return "", column
 
 
-def _unnamed_positions(columns: Sequence[str], found: Sequence[Guess], robot: Robot) -> list[Guess]:
+def _unnamed_positions(columns: Sequence[str], guesses: Sequence[Guess], robot: Robot) -> list[Guess]:
     """Columns that name a joint and nothing else, where no column is one of positions."""
-    used = {one.column for one in found}
+    used = {guessed.column for guessed in guesses}
     names = {column: _plain(column) for column in columns if column not in used}
-    commanded = {_plain(one.joint) for one in found if one.kind == "q_des"}
+    commanded = {_plain(guessed.joint) for guessed in guesses if guessed.kind == "q_des"}
     joints = {_plain(joint) for joint in robot.joints}
-    own = [
+    named = [
         c for c, name in names.items() if name in joints | commanded or (NUMBER.fullmatch(name) and not name.isdigit())
     ]
-    return [Guess(column, "q", column, "", False, bare=True) for column in own] if len(own) > 1 else []
+    return [Guess(column, "q", column, "", False, bare=True) for column in named] if len(named) > 1 else []
 
 
-def _joints_of(own: Sequence[Guess], robot: Robot, zero: bool) -> dict[str, str]:
+def _joints_of(guesses: Sequence[Guess], robot: Robot, zero: bool) -> dict[str, str]:
     """Joints by their names in the columns of one kind; `zero`: whether their numbers begin at zero."""
     numbers = dict(zip(map(str, robot.numbers), robot.joints, strict=True))
-    tokens = list(dict.fromkeys(one.joint for one in own))
+    tokens = list(dict.fromkeys(column.joint for column in guesses))
     if len(robot.joints) == len(tokens) == 1:
         return {tokens[0]: robot.joints[0]}
     if zero and len(numbered := _numbers(tokens, robot)) == len(tokens):
@@ -258,8 +260,8 @@ def _joints_of(own: Sequence[Guess], robot: Robot, zero: bool) -> dict[str, str]
         return {token: joint for token, n in numbered.items() if (joint := by_number.get(n + 1))}
     if chain := by_place_in_arm(tokens, robot):
         return chain
-    sure = {one.joint: one.joint for one in own if one.joint in robot.joints}
-    sure |= {one.joint: numbers[one.joint] for one in own if one.plain and one.joint in numbers}
+    sure = {column.joint: column.joint for column in guesses if column.joint in robot.joints}
+    sure |= {column.joint: numbers[column.joint] for column in guesses if column.plain and column.joint in numbers}
     rest = [token for token in tokens if token not in sure]
     lacking = [joint for joint in robot.joints if joint not in sure.values()]
     return sure | (_by_pattern(rest, lacking) or _match_names(rest, lacking, robot))
@@ -278,8 +280,8 @@ def by_place_in_arm(tokens: Collection[str], robot: Robot) -> dict[str, str]:
 
 def _numbers(tokens: Sequence[str], robot: Robot) -> dict[str, int]:
     """Numbers of the names that are a number, or a word of any joint and a number."""
-    own = _own_words(tokens, robot)
-    return {token: int(found[1]) for token in tokens if (found := NUMBER.fullmatch(_plain(own[token])))}
+    plain = _own_words(tokens, robot)
+    return {token: int(match[1]) for token in tokens if (match := NUMBER.fullmatch(_plain(plain[token])))}
 
 
 def _chain(robot: Robot) -> list[str]:
@@ -300,39 +302,39 @@ def _by_number(robot: Robot) -> dict[int, str]:
 
 def last_numbers(robot: Robot) -> list[int | None]:
     """Last number in the name of each joint."""
-    found = [re.findall(r"\d+", name) for name in robot.joints]
-    return [int(numbers[-1]) if numbers else None for numbers in found]
+    digits = [re.findall(r"\d+", name) for name in robot.joints]
+    return [int(numbers[-1]) if numbers else None for numbers in digits]
 
 
 def _by_limb(tokens: Sequence[str], joints: Sequence[str], robot: Robot) -> dict[str, str]:
     """Joints of tokens such as FR_0: the word of a limb that names of joints have, and a place in that limb."""
     limbs: dict[str, dict[int, str]] = {}
     for token in tokens:
-        if not (found := re.fullmatch(r"(.*[a-z])_?0*(\d+)", token.lower())):
+        if not (match := re.fullmatch(r"(.*[a-z])_?0*(\d+)", token.lower())):
             return {}
-        limbs.setdefault(found[1], {})[int(found[2])] = token
+        limbs.setdefault(match[1], {})[int(match[2])] = token
     matched: dict[str, str] = {}
     first = 0 if any(0 in places for places in limbs.values()) else 1
     for limb, places in limbs.items():
-        own = [joint for joint in _chain(robot) if {*limb.split("_")} <= {*words_of(joint)}]
-        if len(own) in (0, len(robot.joints)) or max(places) - first >= len(own):
+        inside = [joint for joint in _chain(robot) if {*limb.split("_")} <= {*words_of(joint)}]
+        if len(inside) in (0, len(robot.joints)) or max(places) - first >= len(inside):
             return {}
-        matched |= {token: own[place - first] for place, token in places.items() if own[place - first] in joints}
+        matched |= {token: inside[place - first] for place, token in places.items() if inside[place - first] in joints}
     return matched
 
 
 def _likeness(token: str, joint: str, robot: Robot, tokens: Sequence[str]) -> float:
     """Similarity of the name of a joint in the source to that of a joint of the robot, 0 to 1."""
-    own = _own_words(tokens, robot)
-    one, other = _plain(own[token]), _plain(joint)
-    mine, digits = NUMBER.fullmatch(one), last_numbers(robot)
-    if mine:
+    words = _own_words(tokens, robot)
+    source, target = _plain(words[token]), _plain(joint)
+    number, digits = NUMBER.fullmatch(source), last_numbers(robot)
+    if number:
         at = robot.index(joint)
         if digits[at] is not None and len({*digits}) == len(digits):
-            return 0.9 if digits[at] == int(mine[1]) else 0.0
-        if int(mine[1]) == robot.numbers[at]:
+            return 0.9 if digits[at] == int(number[1]) else 0.0
+        if int(number[1]) == robot.numbers[at]:
             return 0.9
-    return max(_alike(one, other), _alike(_plain(token), other), _alike(_counted(own[token]), _counted(joint)))
+    return max(_alike(source, target), _alike(_plain(token), target), _alike(_counted(words[token]), _counted(joint)))
 
 
 def _counted(name: str) -> str:
@@ -341,11 +343,11 @@ def _counted(name: str) -> str:
     return f"{_plain(name[:-1])}{ord(name[-1].lower()) - ord('a') + 1}" if letter else _plain(name)
 
 
-def _alike(one: str, other: str) -> float:
-    if one == other:
+def _alike(first: str, second: str) -> float:
+    if first == second:
         return 1.0
-    inside = 0.8 if min(len(one), len(other)) > 2 and (one in other or other in one) else 0.0
-    return max(inside, SequenceMatcher(None, one, other).ratio())
+    inside = 0.8 if min(len(first), len(second)) > 2 and (first in second or second in first) else 0.0
+    return max(inside, SequenceMatcher(None, first, second).ratio())
 
 
 def _own_words(tokens: Sequence[str], robot: Robot) -> dict[str, str]:
@@ -353,7 +355,7 @@ def _own_words(tokens: Sequence[str], robot: Robot) -> dict[str, str]:
     words = {token: token.split("_") for token in tokens}
     common = set.intersection(*map(set, words.values())) if len(tokens) > 1 else set()
     common = {word for word in common if not any(word.lower() in joint.lower() for joint in robot.joints)}
-    return {token: "_".join(word for word in own if word not in common) or token for token, own in words.items()}
+    return {token: "_".join(word for word in parts if word not in common) or token for token, parts in words.items()}
 
 
 def _plain(name: str) -> str:

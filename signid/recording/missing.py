@@ -36,8 +36,7 @@ MAX_EXAMINED_ROWS, MIN_EXAMINED_ROWS = 65_536, 8  # rows that are examined, and 
 def with_repaired_stamps(recording: Recording) -> Recording:
     """The recording with times in place of stamps that go back a little, or have too few digits; both noted."""
     table, (time, *_) = recording.table, recording.columns["t"]
-    pieces = [table.read([time], k, k + CHUNK)[:, 0] for k in range(0, table.rows, CHUNK)]
-    stamps = np.concatenate(pieces) if pieces else np.zeros(0)
+    stamps = table.read([time], 0, table.rows)[:, 0]
     known = np.flatnonzero(np.isfinite(stamps))
     repeats = np.diff(stamps[known]) <= 0
     if not repeats.any():
@@ -73,7 +72,7 @@ def bridge(recording: Recording) -> Recording:
     longest = max(GAP * period, GAP_SECONDS, min(PERIODS * period, SECONDS)) * (1 + 1e-6)
     positions, reach = {*columns["q"], *columns.get("q_des", ())}, 4 * int(longest / period) + 4
     straight = {names[0], *columns.get("q_des", ()), *np.array(columns["tau"])[~recording.signed].tolist()}
-    found: dict[str, list[tuple[Indices, Array]]] = {}
+    holes: dict[str, list[tuple[Indices, Array]]] = {}
     for start in range(0, table.rows, CHUNK):
         low = max(0, start - reach)
         values = np.array(table.read(names, low, min(table.rows, start + CHUNK + reach)))
@@ -84,9 +83,10 @@ def bridge(recording: Recording) -> Recording:
             rows, filled = _bridged(t, values[:, k], (period, longest, most), names[k] in straight)
             values[rows, k], t = filled, t if k else values[:, 0]
             inside = (rows >= start - low) & (rows < start - low + CHUNK)
-            found.setdefault(names[k], []).append((rows[inside] + low, filled[inside]))
+            holes.setdefault(names[k], []).append((rows[inside] + low, filled[inside]))
     parts = {
-        name: (np.concatenate([r for r, _ in own]), np.concatenate([x for _, x in own])) for name, own in found.items()
+        name: (np.concatenate([r for r, _ in pieces]), np.concatenate([x for _, x in pieces]))
+        for name, pieces in holes.items()
     }
     counts = {name: len(rows) for name, (rows, _) in parts.items() if len(rows)}
     if not counts:
@@ -124,28 +124,30 @@ def without_dead_torques(recording: Recording) -> Recording:
     return replace(without_torque(recording, dead), notes=(*recording.notes, note))
 
 
-def with_positions(found: Assignment, robot: Robot) -> Assignment:
+def with_positions(assigned: Assignment, robot: Robot) -> Assignment:
     """An assignment with positions of joints that have velocities alone, where no torque depends on the position.
 
     They are the integral of the velocities, from 0.
     """
-    bare = [j for kind, j in found.signals if kind == "dq" and ("q", j) not in found.signals]
-    free = [j for j in bare if ("t", 0) in found.signals and not _depends(robot, j)]
+    bare = [j for kind, j in assigned.signals if kind == "dq" and ("q", j) not in assigned.signals]
+    free = [j for j in bare if ("t", 0) in assigned.signals and not _depends(robot, j)]
     if not free:
-        return found
-    names = (found.column("t", 0), *(found.column("dq", j) for j in free))
-    t, *speeds = found.table.read(names, 0, found.table.rows).T
-    added, signals = dict[str, Array](), dict(found.signals)
+        return assigned
+    names = (assigned.column("t", 0), *(assigned.column("dq", j) for j in free))
+    t, *speeds = assigned.table.read(names, 0, assigned.table.rows).T
+    added, signals = dict[str, Array](), dict(assigned.signals)
     for j, v in zip(free, speeds, strict=True):
         known = np.isfinite(t) & np.isfinite(v)
         steps = np.diff(t[known]) * (v[known][1:] + v[known][:-1]) / 2
-        name = f"{INTEGRAL}{found.column('dq', j)}"
+        name = f"{INTEGRAL}{assigned.column('dq', j)}"
         added[name] = np.full(len(t), np.nan)
         added[name][known] = np.concatenate([[0.0], np.cumsum(steps)])[: int(known.sum())]
         signals["q", j] = Signal(f"q_{robot.joints[j]}", name, True)
     joints = shorten([robot.joints[j] for j in free])
     note = f"positions of {joints} are integrated from velocities, from 0: no weight depends on them"
-    return replace(found, signals=signals, notes=(*found.notes, note), table=DerivedTable(found.table, {}, added))
+    return replace(
+        assigned, signals=signals, notes=(*assigned.notes, note), table=DerivedTable(assigned.table, {}, added)
+    )
 
 
 def _depends(robot: Robot, joint: int) -> bool:

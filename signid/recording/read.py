@@ -84,51 +84,51 @@ def read_recording(
         RecordingError: invalid file, columns or column map.
         UndecidedReading: lines of the drafted reading are to be chosen.
     """
-    robot, own = as_robot(robot, "read_recording"), reading_beside(source) if columns is None else columns
-    heading, reading = read_heading("", 0, (), rate), found_reading(own)
+    robot, column_map = as_robot(robot, "read_recording"), reading_beside(source) if columns is None else columns
+    heading, reading = read_heading("", 0, (), rate), found_reading(column_map)
     try:
-        return replace(_read(source, robot, read_map(own, heading=heading), unsigned, topics), reading=reading)
+        return replace(_read(source, robot, read_map(column_map, heading=heading), unsigned, topics), reading=reading)
     except RecordingError as error:
-        if own is not None:
+        if column_map is not None:
             raise
         drafted = draft_reading(source, robot, topics, error)
-    found = _read(source, robot, read_map(tomllib.loads(drafted.text), heading=heading), unsigned, topics)
-    units = {column: unit._replace(by="the reading") for column, unit in found.units.items()}
-    said = f"columns are read by their names and numbers: {shorten([f'{x[0]} from {x[1]}' for x in drafted.rows], 3)}"
-    return replace(found, notes=(said, *found.notes), units=units, reading=drafted)
+    recording = _read(source, robot, read_map(tomllib.loads(drafted.text), heading=heading), unsigned, topics)
+    units = {column: unit._replace(by="the reading") for column, unit in recording.units.items()}
+    note = f"columns are read by their names and numbers: {shorten([f'{x[0]} from {x[1]}' for x in drafted.rows], 3)}"
+    return replace(recording, notes=(note, *recording.notes), units=units, reading=drafted)
 
 
 def _read(source: Source, robot: Robot, mapping: ParsedColumns, unsigned: bool, topics: Sequence[str]) -> Recording:
-    given = source if isinstance(source, str | Path) else _by_joint(columns_of(source), robot)
-    opened = open_source(given, topics, mapping.heading)
-    found = with_positions(assign_columns(opened, mapping, robot), robot)
-    time = found.signals.get(("t", 0))
+    columns_or_path = source if isinstance(source, str | Path) else _by_joint(columns_of(source), robot)
+    opened = open_source(columns_or_path, topics, mapping.heading)
+    assignment = with_positions(assign_columns(opened, mapping, robot), robot)
+    time = assignment.signals.get(("t", 0))
     if mapping.heading.rate is None and not (time and time.mapped):
-        used = {signal.column for signal in found.signals.values()}
+        used = {signal.column for signal in assignment.signals.values()}
         ask_for_time(opened.table, time.column if time else "", used, opened.name)
-    positions = tuple(column for j in range(len(robot.joints)) if (column := found.column("q", j)))
-    driven = positions and any(map(found.torque, range(len(robot.joints))))
-    if mapping.heading.rate is None and driven and are_postures(found.table, positions, found.column("t", 0)):
+    positions = tuple(column for j in range(len(robot.joints)) if (column := assignment.column("q", j)))
+    driven = positions and any(map(assignment.torque, range(len(robot.joints))))
+    if mapping.heading.rate is None and driven and are_postures(assignment.table, positions, assignment.column("t", 0)):
         named = {key: column for key, column in mapping.named.items() if key != "t"}
         mapping = mapping._replace(named=named, heading=mapping.heading._replace(rate=0.0))
         return _read(source, robot, mapping, unsigned, topics)
-    joints = _joints(found, robot, opened)
-    torques = [found.torque(j) for j in joints]
+    joints = _joints(assignment, robot, opened)
+    torques = [assignment.torque(j) for j in joints]
     absolute = [bool(kind) and (unsigned or kind.startswith("abs_")) for kind in torques]
     chosen = {
-        "t": (found.column("t", 0),),
-        "tau": tuple(found.column(kind, j) for kind, j in zip(torques, joints, strict=True)),
-        **{key: tuple(found.column(key, j) for j in joints) for key in POSITIONS},
-        **{key: tuple(found.column(key, j) for j in joints) for key in ServoSamples._fields},
+        "t": (assignment.column("t", 0),),
+        "tau": tuple(assignment.column(kind, j) for kind, j in zip(torques, joints, strict=True)),
+        **{key: tuple(assignment.column(key, j) for j in joints) for key in POSITIONS},
+        **{key: tuple(assignment.column(key, j) for j in joints) for key in ServoSamples._fields},
     }
-    _check_samples(found.table, opened.name, chosen, torques)
-    chosen, dropped = drop_implausible(found.table, chosen)
+    _check_samples(assignment.table, opened.name, chosen, torques)
+    chosen, dropped = drop_implausible(assignment.table, chosen)
     flags = () if any(torques) else tuple(dropped)
     constants = _torque_constants(robot, mapping.constants, joints, torques, absolute, source=opened.name)
     absolutes = {c: lambda values, _: np.abs(values) for c in chosen["tau"] if unsigned and c}
     recording = Recording(
         tuple(robot.joints[j] for j in joints),
-        DerivedTable(found.table, absolutes) if absolutes else found.table,
+        DerivedTable(assignment.table, absolutes) if absolutes else assignment.table,
         chosen,
         np.where(np.isnan(constants), 1.0, constants),
         ~np.array(absolute),
@@ -136,13 +136,13 @@ def _read(source: Source, robot: Robot, mapping: ParsedColumns, unsigned: bool, 
         opened.sha256,
         (
             *About.of(opened.table).notes,
-            *_notes(found, robot, joints, opened, {x for group in chosen.values() for x in group}),
-            *found.notes,
+            *_notes(assignment, robot, joints, opened, {x for group in chosen.values() for x in group}),
+            *assignment.notes,
             *(() if flags else dropped),
         ),
         ~np.isnan(constants) if np.isnan(constants).any() else None,
-        (*found.flags, *flags),
-        {name: unit for name, unit in found.units.items() if any(name in group for group in chosen.values())},
+        (*assignment.flags, *flags),
+        {name: unit for name, unit in assignment.units.items() if any(name in group for group in chosen.values())},
     )
     recording = without_dead_torques(recording)
     recording = at_rest(recording) if mapping.heading.rate == 0 else bridge(with_repaired_stamps(recording))
@@ -289,17 +289,17 @@ def _torque_constants(
 
 
 def _no_constant(source: str, names: Sequence[str], advice: str) -> str:
-    one = len(names) == 1
-    fact = "the current of {}, but its torque constant is" if one else "currents of {}, but their torque constants are"
+    lone = len(names) == 1
+    fact = "the current of {}, but its torque constant is" if lone else "currents of {}, but their torque constants are"
     state = "state torque_constant [N.m/A at the joint, N/A at a prismatic one] in an actuators file"
     return f"{source} records {fact.format(shorten(names))} not known; {state}, or {advice}"
 
 
 def _notes(
-    found: Assignment, robot: Robot, joints: Sequence[int], opened: Opened, used: Collection[str]
+    assignment: Assignment, robot: Robot, joints: Sequence[int], opened: Opened, used: Collection[str]
 ) -> Iterator[str]:
     """Deviations from what a user may expect; used: the columns that are read."""
-    if not any(found.torque(j) for j in joints):
+    if not any(assignment.torque(j) for j in joints):
         yield "no torque and no current: a recording of servos"
     if absent := [f"{name} (at {x:.4g})" for name, x in resting(robot, [robot.joints[j] for j in joints]).items()]:
         subject, verbs = ("joint", ("has", "is")) if len(absent) == 1 else ("joints", ("have", "are"))
@@ -307,13 +307,13 @@ def _notes(
         others = [x for x in opened.table.columns if x not in used]
         yield f"{fact}; unused columns: {shorten(others, 4)}" if others else fact
     for kind, other in ((a, b) for i, a in enumerate(TORQUES) for b in TORQUES[i + 1 :]):
-        if both := [robot.joints[j] for j in joints if found.torque(j) == kind and found.column(other, j)]:
+        if both := [robot.joints[j] for j in joints if assignment.torque(j) == kind and assignment.column(other, j)]:
             yield f"{kind} is used instead of {other}, because both are recorded: {', '.join(both)}"
 
 
 def drop_implausible(table: Table, chosen: dict[str, tuple[str, ...]]) -> tuple[dict[str, tuple[str, ...]], list[str]]:
     """Columns without those of drives whose numbers cannot be meant, and a note for each of these."""
-    chosen, said = dict(chosen), []
+    chosen, notes = dict(chosen), []
     for key, (low, high, expected) in PLAUSIBLE.items():
         names = [name for name in chosen[key] if name]
         pieces = (table.read(names, start, start + CHUNK) for start in range(0, table.rows if names else 0, CHUNK))
@@ -321,11 +321,11 @@ def drop_implausible(table: Table, chosen: dict[str, tuple[str, ...]]) -> tuple[
         for k, name in enumerate(names):
             least, most = min(float(a[k]) for a, _ in ends), max(float(b[k]) for _, b in ends)
             if least < low or most > high:
-                chosen[key] = tuple("" if each == name else each for each in chosen[key])
+                chosen[key] = tuple("" if column == name else column for column in chosen[key])
                 wrapped = key == "pwm" and least >= 0 and _wrapped(table, name, most)
                 fact = f"column {name!r} goes from {least:.4g} to {most:.4g} and is ignored"
-                said.append(f"{fact}; {UNWRAP if wrapped else f'expected {expected}'}")
-    return chosen, said
+                notes.append(f"{fact}; {UNWRAP if wrapped else f'expected {expected}'}")
+    return chosen, notes
 
 
 def _wrapped(table: Table, name: str, most: float) -> bool:
@@ -345,13 +345,13 @@ def as_recordings(given: object, robot: Robot, verb: str) -> list[Recording]:
         RecordingError: a file cannot be read.
     """
     several = isinstance(given, Sequence | Iterator) and not isinstance(given, str | bytes)
-    found = []
-    for each in given if several else [given]:  # type: ignore[attr-defined]
-        if not (isinstance(each, Recording) or _is_source(each)):
+    recordings = []
+    for recording in given if several else [given]:  # type: ignore[attr-defined]
+        if not (isinstance(recording, Recording) or _is_source(recording)):
             advice = 'signid.read_recording("recording.csv", robot)'
-            raise unexpected(verb, "a Recording or a list of them", each, advice)
-        found.append(each if isinstance(each, Recording) else read_recording(each, robot))
-    return found
+            raise unexpected(verb, "a Recording or a list of them", recording, advice)
+        recordings.append(recording if isinstance(recording, Recording) else read_recording(recording, robot))
+    return recordings
 
 
 def as_recording(given: object, robot: Robot, verb: str) -> Recording:
@@ -360,10 +360,10 @@ def as_recording(given: object, robot: Robot, verb: str) -> Recording:
     Raises:
         OptionError: anything else, or several recordings were given to the verb.
     """
-    found = as_recordings(given, robot, verb)
-    if len(found) != 1:
-        raise OptionError(f"{verb} needs one recording, not {len(found)}; give one of them")
-    return found[0]
+    recordings = as_recordings(given, robot, verb)
+    if len(recordings) != 1:
+        raise OptionError(f"{verb} needs one recording, not {len(recordings)}; give one of them")
+    return recordings[0]
 
 
 def _is_source(given: Any) -> bool:
@@ -380,7 +380,7 @@ def is_recording(name: str) -> bool:
         return False
     if path.suffix.lower() == ".json" and not holds_samples(path):
         return False
-    return path.name.lower().endswith(PICKLED) or any(FORMATS[each].recognises(path) for each in FORMATS.names)
+    return path.name.lower().endswith(PICKLED) or any(FORMATS[name].recognises(path) for name in FORMATS.names)
 
 
 def read_bare(
@@ -397,8 +397,8 @@ def read_bare(
         OptionError: topics of a source without topics.
         RecordingError: invalid file, columns or column map, or no joint has both columns.
     """
-    own = reading_beside(source) if columns is None else columns
-    mapping = read_map(own, heading=read_heading("", 0, (), rate))
+    column_map = reading_beside(source) if columns is None else columns
+    mapping = read_map(column_map, heading=read_heading("", 0, (), rate))
     opened = open_source(source, topics, mapping.heading)
     signals = _signals(opened, mapping)
     guessed = {} if columns is not None or _commanded(signals) else _guessed_columns(opened.table.columns)
@@ -456,11 +456,11 @@ def _commanded(signals: Mapping[str, Signal]) -> tuple[str, ...]:
 
 def _guessed_columns(columns: Sequence[str]) -> dict[str, str | dict[str, str]]:
     """Entries of a column map of commanded and measured positions by the words of their names; {} without both."""
-    found = [one for column in columns if (one := guess(column)) and not one.desired]
+    guesses = [guessed for column in columns if (guessed := guess(column)) and not guessed.desired]
     entries: dict[str, str | dict[str, str]] = {}
-    for one in found:
-        key = "t" if one.kind == "t" else f"{one.kind}_{one.joint or 'joint'}"
-        entries.setdefault(key, {"column": one.column, "unit": one.unit} if one.unit else one.column)
+    for guessed in guesses:
+        key = "t" if guessed.kind == "t" else f"{guessed.kind}_{guessed.joint or 'joint'}"
+        entries.setdefault(key, {"column": guessed.column, "unit": guessed.unit} if guessed.unit else guessed.column)
     both = any(key.startswith("q_des_") and f"q_{key[6:]}" in entries for key in entries)
     return entries if both and "t" in entries else {}
 
@@ -471,14 +471,14 @@ def _joints_of_names(opened: Opened, signals: Mapping[str, Signal]) -> tuple[str
     Raises:
         RecordingError: there is none, or no time.
     """
-    found = _commanded(signals)
+    joints = _commanded(signals)
     have = f"it has {shorten(opened.table.columns, 12)}"
     advice = "name them in a column map (--columns), or give the description of the robot before the recording"
     if "t" not in signals:
         time = lacking_time(opened.table, {signal.column for name, signal in signals.items() if split(name)})
         raise RecordingError(f"{opened.name} has no column 't' of time in seconds; {have}; {time}")
-    if not found:
+    if not joints:
         torque = any(name.startswith(tuple(f"{kind}_" for kind in TORQUES)) for name in signals)
         also = "; a recording of torque needs a description: signid check ROBOT RECORDING" if torque else ""
         raise RecordingError(f"{opened.name} has no joint J with both columns q_J and q_des_J; {have}; {advice}{also}")
-    return found
+    return joints

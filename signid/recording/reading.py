@@ -99,15 +99,15 @@ def _choices(drafted: DraftedMap, torque: bool) -> Iterator[str]:
 def _rows(drafted: DraftedMap, robot: Robot, arm: Mapping[str, str]) -> Iterator[tuple[str, str, str, str]]:
     """Columns that are read, with units and reasons: of time, then of each joint."""
     for joint, name in enumerate(("time", *robot.joints), -1):
-        own = [line for line in drafted.lines if line.joint == joint and line.kind in LISTED_KINDS]
-        units, reasons = [str(line.noticed.unit) for line in own], dict.fromkeys(line.noticed.why for line in own)
+        lines = [line for line in drafted.lines if line.joint == joint and line.kind in LISTED_KINDS]
+        units, reasons = [str(line.noticed.unit) for line in lines], dict.fromkeys(line.noticed.why for line in lines)
         if name in arm.values():
             reasons["joint by its place in the arm"] = None
-        if any(line.kind.endswith("current") for line in own):
+        if any(line.kind.endswith("current") for line in lines):
             known = float(robot.actuators.torque_constant[joint])
             reasons[f"torque constant {f'{known:.4g}, stated' if known == known else 'to be estimated'}"] = None
-        if own:
-            yield name, ", ".join(line.guess.column for line in own), ", ".join(units), "; ".join(reasons)
+        if lines:
+            yield name, ", ".join(line.guess.column for line in lines), ", ".join(units), "; ".join(reasons)
 
 
 def commanded_torques(recording: Recording) -> Iterator[str]:
@@ -173,8 +173,8 @@ def draft_map(
     values = dict(numbers_of(opened.table, opened.table.columns, ROWS))
     guesses = guess_columns(list(values), robot)
     matched = list(match_signals(guesses, robot))
-    signals = {key: one for key, one in matched if not one.desired}
-    spare = [one.column for _, one in matched if one.desired]
+    signals = {key: meant for key, meant in matched if not meant.desired}
+    spare = [meant.column for _, meant in matched if meant.desired]
     signals, time = _unsigned(signals, values), _time(guesses, values)
     unstated = About.of(opened.table).unstated
     lines = tuple(
@@ -184,7 +184,7 @@ def draft_map(
         for line in _lines(signals, time, values, robot)
     )
     lines = _calibrated(lines, values, ranges or {})
-    offered = tuple((key, one.column) for key, one in pair_in_order(guesses, signals, robot))
+    offered = tuple((key, meant.column) for key, meant in pair_in_order(guesses, signals, robot))
     used = {line.guess.column for line in lines} | {column for _, column in offered}
     unused = tuple(name for name in opened.table.columns if name not in used)
     lacking = tuple(_lacking(lines, opened, used))
@@ -205,13 +205,13 @@ def _calibrated(
     """Lines in which the calibrated ranges state the unit of positions; both kinds of position share it."""
     positions = {line.guess.column: line.guess.joint for line in lines if line.kind in ("q", "q_des")}
     pooled = {
-        joint: np.concatenate([values[column] for column, own in positions.items() if own == joint])
+        joint: np.concatenate([values[column] for column, motor in positions.items() if motor == joint])
         for joint in dict.fromkeys(positions.values())
     }
-    found = calibrated(pooled, ranges)
+    ranged = calibrated(pooled, ranges)
     return tuple(
-        line._replace(noticed=Noticed(found[line.guess.joint].change or "deg", found[line.guess.joint].why))
-        if line.guess.column in positions and line.guess.joint in found
+        line._replace(noticed=Noticed(ranged[line.guess.joint].change or "deg", ranged[line.guess.joint].why))
+        if line.guess.column in positions and line.guess.joint in ranged
         else line
         for line in lines
     )
@@ -219,24 +219,24 @@ def _calibrated(
 
 def _unsigned(signals: Mapping[str, Guess], values: Mapping[str, Array]) -> dict[str, Guess]:
     """Signals, where torques of which none is ever negative become absolute values."""
-    found = dict(signals)
+    unsigned = dict(signals)
     for kind in ("tau", "current"):
-        mine = [key for key, one in signals.items() if one.kind == kind]
-        if len(mine) > 1 and all(np.nanmin(values[signals[key].column], initial=np.inf) >= 0 for key in mine):
-            for key in mine:
-                one = found.pop(key)
-                found.setdefault(f"abs_{key}", one._replace(kind=f"abs_{kind}"))
-    return found
+        keys = [key for key, column in signals.items() if column.kind == kind]
+        if len(keys) > 1 and all(np.nanmin(values[signals[key].column], initial=np.inf) >= 0 for key in keys):
+            for key in keys:
+                column = unsigned.pop(key)
+                unsigned.setdefault(f"abs_{key}", column._replace(kind=f"abs_{kind}"))
+    return unsigned
 
 
 def _time(guesses: Sequence[Guess], values: Mapping[str, Array]) -> Guess | None:
     """Column of time that increases most steadily; the one named t first."""
     best: tuple[float, Guess] | None = None
-    for one in sorted((one for one in guesses if one.kind == "t"), key=lambda one: not one.plain):
-        steps = np.diff(values[one.column])
+    for column in sorted((column for column in guesses if column.kind == "t"), key=lambda column: not column.plain):
+        steps = np.diff(values[column.column])
         share = float(np.mean(steps > 0)) if len(steps) else 0.0
         if best is None or share > best[0] + 0.05:
-            best = share, one
+            best = share, column
     return best[1] if best else None
 
 
@@ -252,14 +252,14 @@ def _lines(
     place = {name: j for j, name in enumerate(robot.joints)}
     positions: dict[int, Array] = {}
     for kind in ORDER:
-        mine = {place[key[len(kind) + 1 :]]: (key, one) for key, one in signals.items() if one.kind == kind}
-        columns = {j: values[one.column] for j, (_, one) in mine.items()}
-        units = noticed_units(kind, {j: one for j, (_, one) in mine.items()}, columns, positions, seconds, robot)
-        for j in sorted(mine):
-            key, one = mine[j]
-            yield MappedColumn(key, kind, j, one, units[j])
+        of_kind = {place[key[len(kind) + 1 :]]: (key, meant) for key, meant in signals.items() if meant.kind == kind}
+        columns = {j: values[meant.column] for j, (_, meant) in of_kind.items()}
+        units = noticed_units(kind, {j: meant for j, (_, meant) in of_kind.items()}, columns, positions, seconds, robot)
+        for j in sorted(of_kind):
+            key, meant = of_kind[j]
+            yield MappedColumn(key, kind, j, meant, units[j])
         if kind == "q":
-            for j in mine:
+            for j in of_kind:
                 unit = units[j].unit
                 change = unit if isinstance(unit, Change) else change_of(unit, "q", None, "q")
                 positions[j] = change.apply(columns[j])
@@ -302,10 +302,10 @@ def _text(
         "[columns]",
     ]
     for kind, unit in shared.items():
-        mine = [line for line in lines if line.kind == kind]
+        of_kind = [line for line in lines if line.kind == kind]
         keys = [(key, column) for key, column in offered if split(key)[0][0] == kind]
-        if kind != "t" and (mine or keys):
-            out += ["", *_section(kind, mine, unit)]
+        if kind != "t" and (of_kind or keys):
+            out += ["", *_section(kind, of_kind, unit)]
             units = {column: "" if unit else without_unit(column)[1] for _, column in keys}
             out += [f"# {entry(key, column, units[column])}  # which?" for key, column in keys]
     if lacking:
@@ -332,7 +332,7 @@ def _shared(lines: Sequence[MappedColumn]) -> Noticed | None:
     units = {line.noticed.unit for line in lines}
     if len(units) != 1 or isinstance(next(iter(units)), Change):
         return None
-    return max((line.noticed for line in lines), key=lambda one: "assumed" not in one.why)
+    return max((line.noticed for line in lines), key=lambda noticed: "assumed" not in noticed.why)
 
 
 def _section(kind: str, lines: Sequence[MappedColumn], shared: Noticed | None) -> Iterator[str]:
@@ -341,8 +341,8 @@ def _section(kind: str, lines: Sequence[MappedColumn], shared: Noticed | None) -
     alike = len(reasons) == 1
     yield f"# {TITLES.get(kind, 'time')}" + (f": {one_line(min(reasons))}" if alike and not shared else "")
     for line in lines:
-        own = entry(line.signal, line.guess.column, "" if shared else line.noticed.unit)
-        yield own if shared or alike else f"{own}  # {one_line(line.noticed.why)}"
+        text = entry(line.signal, line.guess.column, "" if shared else line.noticed.unit)
+        yield text if shared or alike else f"{text}  # {one_line(line.noticed.why)}"
 
 
 def lacking_time(table: Table, used: Collection[str]) -> str:
@@ -350,7 +350,7 @@ def lacking_time(table: Table, used: Collection[str]) -> str:
 
     The only other column that increases from row to row is offered, unless it counts the rows.
     """
-    if any((one := guess(name)) and one.kind == "t" for name in table.columns):
+    if any((guessed := guess(name)) and guessed.kind == "t" for name in table.columns):
         return "add it, or name it in a column map (--columns)"
     state = "state the rate of its rows [Hz], --rate 100 (0: each row is a posture at rest)"
     rising = [(name, t) for name, t in increasing(table, [x for x in table.columns if x not in used]) if t[0] < t[-1]]

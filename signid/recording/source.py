@@ -57,8 +57,8 @@ def open_source(source: Source, topics: Sequence[str] = (), heading: Heading | N
     """
     stated = heading or Heading()
     if stated.rate is not None:
-        found = open_source(source, topics, stated._replace(rate=None))
-        return found._replace(table=_paced(found.table, stated.rate))
+        unpaced = open_source(source, topics, stated._replace(rate=None))
+        return unpaced._replace(table=_paced(unpaced.table, stated.rate))
     if not isinstance(source, str | Path):
         if topics:
             raise OptionError("arrays and frames have no topics; give topics of a ROS bag only")
@@ -81,11 +81,11 @@ def open_source(source: Source, topics: Sequence[str] = (), heading: Heading | N
 
 def _whole_stamps(table: Table) -> Table:
     """A table with stamps [s] where two columns hold their seconds and nanoseconds, as in messages of ROS."""
-    found = {match[1]: name for name in table.columns if (match := SECONDS.fullmatch(name))}
-    halves = {name: match[1] for name in table.columns if (match := NANOSECONDS.fullmatch(name)) and match[1] in found}
+    heads = {match[1]: name for name in table.columns if (match := SECONDS.fullmatch(name))}
+    halves = {name: match[1] for name in table.columns if (match := NANOSECONDS.fullmatch(name)) and match[1] in heads}
     for nanoseconds, head in halves.items() if "t" not in table.columns else []:
         with suppress(RecordingError):  # texts
-            whole = table.read([found[head], nanoseconds], 0, table.rows) @ [1.0, 1e-9]
+            whole = table.read([heads[head], nanoseconds], 0, table.rows) @ [1.0, 1e-9]
             return DerivedTable(table, {}, {head.rstrip("._") or "stamp": np.asarray(whole)})
     return table
 
@@ -94,11 +94,11 @@ def _paced(table: Table, rate: float) -> Table:
     """A table whose column t counts its rows, of a rate [Hz] or 0; other columns of time are left out."""
     left = [name for name in table.columns if (meant := guess(name)) and meant.kind == "t"]
     note = f"times are those of {rate:g} rows a second, as stated" + (f"; not used: {shorten(left)}" if left else "")
-    found = DerivedTable(table, {}, {"t": np.arange(table.rows) / (rate or 1.0)})
-    found.columns = tuple(name for name in found.columns if name == "t" or name not in left)
+    paced = DerivedTable(table, {}, {"t": np.arange(table.rows) / (rate or 1.0)})
+    paced.columns = tuple(name for name in paced.columns if name == "t" or name not in left)
     about = About.of(table)
-    found.about = about._replace(notes=(*about.notes, *([note] if rate else [])))
-    return found
+    paced.about = about._replace(notes=(*about.notes, *([note] if rate else [])))
+    return paced
 
 
 def digest_of(path: Path) -> str:
@@ -185,11 +185,11 @@ def found_reading(file: object) -> Reading | None:
     """
     if not isinstance(file, str | Path) or not str(file).endswith(SUFFIX):
         return None
-    found, name = Reading(Path(file).read_text(encoding="utf-8"), (), readable(str(file))), readable(str(file))
-    if offered := re.findall(r"^#\s*(\S.*?)\s*# which\?", found.text, re.MULTILINE):
+    reading, name = Reading(Path(file).read_text(encoding="utf-8"), (), readable(str(file))), readable(str(file))
+    if offered := re.findall(r"^#\s*(\S.*?)\s*# which\?", reading.text, re.MULTILINE):
         fact = f"{name.removesuffix(SUFFIX)}: lines of its reading are to be chosen: {shorten(offered, 3)}"
         raise UndecidedReading(f"{fact} (remove the first # of each line that is right, delete the others)", "")
-    return found
+    return reading
 
 
 def reading_path(source: str | Path, folder: str | Path | None = None) -> Path:

@@ -86,9 +86,9 @@ def plural(number: int, thing: str) -> str:
 
 def _onto(t: Stamps, stream: TimedColumns, name: str) -> Array:
     """Column (M,) interpolated at other times, NaN in gaps, before and after; t: (M,) [ns]."""
-    y, own = stream.columns[name], stream.t
-    i = np.clip(np.searchsorted(own, t, side="right") - 1, 0, len(own) - 2)
-    step, after = own[i + 1] - own[i], t - own[i]
+    y, times = stream.columns[name], stream.t
+    i = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)
+    step, after = times[i + 1] - times[i], t - times[i]
     share = after / step
     chord = y[i + 1] - y[i]
     wrapped = np.abs(chord) > stream.wraps.get(name, np.inf)
@@ -156,10 +156,10 @@ def estimate_offset(first: AllReadings, second: AllReadings, overlap: float) -> 
     reason = "they have no signals of one joint of which one follows from the other"
     for sharp in ("measured", "force", "command"):
         pairs = [*_pairs(first, second, sharp, False), *_pairs(second, first, sharp, True)]
-        found = _common(pairs, overlap) if pairs else reason
-        if not isinstance(found, str):
-            return Offset(found, tuple(pair.words for pair in pairs), sharp == "command", sharp == "force")
-        reason = found
+        shift = _common(pairs, overlap) if pairs else reason
+        if not isinstance(shift, str):
+            return Offset(shift, tuple(pair.words for pair in pairs), sharp == "command", sharp == "force")
+        reason = shift
     return reason
 
 
@@ -346,8 +346,8 @@ def coarse_shifts(motion: Predictors, answer: TargetSignal, period: float, least
     covariance = square - mean[:, :, None] * mean[:, None, :] + RIDGE * np.eye(x.shape[1])
     shared = crossed - mean * level[:, None]
     solved = np.linalg.solve(covariance, shared[:, :, None])[:, :, 0]
-    own = power - level * level
-    explained = np.where(own > QUIET, np.sum(shared * solved, axis=1) / np.maximum(own, QUIET), 0.0)
+    variance = power - level * level
+    explained = np.where(variance > QUIET, np.sum(shared * solved, axis=1) / np.maximum(variance, QUIET), 0.0)
     moving = np.trace(covariance, axis1=1, axis2=2) > QUIET * x.shape[1]
     explained = np.where(moving & ((shared[:, 0] > 0) | (not answer.positive)), explained, 0.0)
     return a[0] + shift * period - b[0], np.clip(explained, 0.0, 1.0)
@@ -405,6 +405,6 @@ def fine_shift(motion: Predictors, answer: TargetSignal, near: float, width: flo
         return float(residual @ residual / np.sum((y[use] - y[use].mean()) ** 2)), std, float(use.sum())
 
     bounds = near - width, near + width
-    found = minimize_scalar(lambda s: solved(s)[0], bounds=bounds, method="bounded", options={"xatol": 1e-6})
-    share, std, _ = solved(float(found.x))
-    return ClockShift(float(found.x), std, 1 - share, 1 - solved(0.0)[0])
+    minimum = minimize_scalar(lambda s: solved(s)[0], bounds=bounds, method="bounded", options={"xatol": 1e-6})
+    share, std, _ = solved(float(minimum.x))
+    return ClockShift(float(minimum.x), std, 1 - share, 1 - solved(0.0)[0])

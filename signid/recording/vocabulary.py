@@ -147,11 +147,11 @@ _RATES = re.compile(r"(d{1,2})(theta|pos|position|angle)")
 def words_of(text: str) -> list[str]:
     """Words of a name in lower case, compounds in their parts: "jointPos_1" and "jointpos1" have joint, pos and 1."""
     plain = "".join(letter for letter in normalize("NFD", text) if not combining(letter))  # posición is posicion
-    found = [word.lower() for word in re.findall(r"[A-Z]?[^\W\d_A-Z]+|[A-Z]+(?![a-z])|\d+", plain)]
-    for k in range(len(found) - 1, 0, -1):
-        if found[k - 1] + found[k] in VOCABULARY and min(len(found[k - 1]), len(found[k])) >= _MIN_PART_LETTERS:
-            found[k - 1 : k + 1] = [found[k - 1] + found[k]]  # "set point"
-    return [part for word in found for part in _parts(word)]
+    words = [word.lower() for word in re.findall(r"[A-Z]?[^\W\d_A-Z]+|[A-Z]+(?![a-z])|\d+", plain)]
+    for k in range(len(words) - 1, 0, -1):
+        if words[k - 1] + words[k] in VOCABULARY and min(len(words[k - 1]), len(words[k])) >= _MIN_PART_LETTERS:
+            words[k - 1 : k + 1] = [words[k - 1] + words[k]]  # "set point"
+    return [part for word in words for part in _parts(word)]
 
 
 def kinds_of(name: str) -> set[str]:
@@ -180,9 +180,9 @@ def without_unit(name: str) -> tuple[str, str]:
 
 def unit_row(cells: list[str]) -> list[str] | None:
     """Units of the cells of a row, "" for cells without one; None if it is no row of units."""
-    found = ["" if cell.strip() in _NO_UNIT else _spelt(cell.strip().strip("[]()")) or None for cell in cells]
-    units = [unit for unit in found if unit is not None]
-    return units if len(units) == len(found) and any(units) else None
+    cell_units = ["" if cell.strip() in _NO_UNIT else _spelt(cell.strip().strip("[]()")) or None for cell in cells]
+    units = [unit for unit in cell_units if unit is not None]
+    return units if len(units) == len(cell_units) and any(units) else None
 
 
 def _spelt(text: str) -> str:

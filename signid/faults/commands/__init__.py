@@ -169,14 +169,14 @@ def _audit(
     """Audit one joint without its odd episodes; period of the rows [s], coarsest: largest step of an encoder."""
     odd = [one for one in of_all if one.joint == joint]
     left_out = {(part.recording, part.t[0]) for one in odd for part in one.episode.parts}
-    given = [part for part in parts if (part.recording, part.t[0]) not in left_out]
-    parts = _without_turns(given, unit)
+    parts_kept = [part for part in parts if (part.recording, part.t[0]) not in left_out]
+    parts = _without_turns(parts_kept, unit)
     q, command = joined(parts, "q"), joined(parts, "command")
     step, span = quantum([part.q for part in parts]), float(np.ptp(command))
     grids = [on_grid(part, max(period, SLOWEST_GRID)) for part in parts]
     moved = span > 0 and float(np.ptp(q)) > 0
-    found = find_response(grids) if moved else None
-    answer = (found or UNKNOWN)._asdict()
+    response = find_response(grids) if moved else None
+    answer = (response or UNKNOWN)._asdict()
     del answer["correlation"], answer["gain"]
     rest = at_rest(parts, answer["lag"], step, max(span, 1e-12))
     audit = JointAudit(
@@ -197,7 +197,7 @@ def _audit(
     )
     if span <= MIN_ENCODER_STEPS * max(step, coarsest):
         return replace(audit, flags=(*(one.said for one in odd), *judge_still(audit, parts)))
-    said = judge_joint(audit, found, given, grids)
+    said = judge_joint(audit, response, parts_kept, grids)
     limit = (
         f"{joint} is at its limit in {audit.saturated:.0%} of the rows: stiffness hardly shows there; command smaller "
     )
@@ -214,15 +214,15 @@ class Episode(NamedTuple):
 
 def group(recordings: Sequence[Recording], parts: Sequence[Part]) -> list[Episode]:
     """Parts of one joint by episode where recordings have some, else by recording, else one by one."""
-    found: dict[str, list[Part]] = {}
+    groups: dict[str, list[Part]] = {}
     for part in parts:
         starts = About.of(recordings[part.recording].table).episodes
         file = recordings[part.recording].path or f"recording {part.recording + 1}"
-        own = [name for first, name in starts if first <= part.t[0]][-1:] if len(starts) > 1 else []
-        if not own and len(recordings) == 1:
-            own = [f"{part.t[0]:.6g} to {part.t[-1]:.6g} s"]
-        found.setdefault(" of ".join(own + [file] * (len(recordings) > 1)), []).append(part)
-    return [Episode(name, tuple(each)) for name, each in found.items()]
+        names = [name for first, name in starts if first <= part.t[0]][-1:] if len(starts) > 1 else []
+        if not names and len(recordings) == 1:
+            names = [f"{part.t[0]:.6g} to {part.t[-1]:.6g} s"]
+        groups.setdefault(" of ".join(names + [file] * (len(recordings) > 1)), []).append(part)
+    return [Episode(name, tuple(each)) for name, each in groups.items()]
 
 
 class Odd(NamedTuple):
@@ -273,8 +273,8 @@ def _answers(episodes: Sequence[Episode], grids: Sequence[list[Grid]]) -> list[_
     ranges = [max(float(np.ptp(grid.command)) for grid in grids[k]) for k in lasting]
     moves = [size > 0 and size >= MOVES * max(ranges) for size in ranges]
     shifts = [best_shift(grids[k]) for k in lasting]
-    found = [x.seconds for x in shifts if np.isfinite(x.seconds) and x.correlation > FOLLOWS]
-    usual = float(np.median(found)) if found else 0.0
+    known = [x.seconds for x in shifts if np.isfinite(x.seconds) and x.correlation > FOLLOWS]
+    usual = float(np.median(known)) if known else 0.0
     answers = []
     for k, shift, size, moving in zip(lasting, shifts, ranges, moves, strict=True):
         r, scale = _at(grids[k], [grid.command for grid in grids[k]], usual)
@@ -306,56 +306,57 @@ def _place(part: Part, grid: Grid) -> _Place:
     return part.recording, float(part.t[0]), len(grid.q)
 
 
-def _same(places: Mapping[_Place, Array], one: _Answer) -> list[Array] | None:
+def _same(places: Mapping[_Place, Array], answer: _Answer) -> list[Array] | None:
     """Commands of another joint in the rows of an episode; None if it lacks some of them."""
-    found = [places.get(_place(part, grid)) for part, grid in zip(one.episode.parts, one.grids, strict=True)]
-    known = [command for command in found if command is not None]
-    return known if len(known) == len(found) else None
+    commands = [places.get(_place(part, grid)) for part, grid in zip(answer.episode.parts, answer.grids, strict=True)]
+    known = [command for command in commands if command is not None]
+    return known if len(known) == len(commands) else None
 
 
 def _differences(
-    one: _Answer, everyone: Sequence[_Answer], commands: Mapping[str, list[Array] | None], period: float
+    answer: _Answer, answers: Sequence[_Answer], commands: Mapping[str, list[Array] | None], period: float
 ) -> Iterator[str]:
     """Sentences on the motion of one episode that differs from that of the others, the likeliest first."""
-    others = [each for each in everyone if each.moves]
-    if not one.moves or len(others) < MIN_EPISODES - 1 or np.median([each.correlation for each in others]) < FOLLOWS:
+    others = [other for other in answers if other.moves]
+    if not answer.moves or len(others) < MIN_EPISODES - 1 or np.median([x.correlation for x in others]) < FOLLOWS:
         return
-    where = f"in {one.episode.name}, unlike in the others"
-    shift = _middle([each.shift for each in others])
-    near = {name: _at(one.grids, own, shift)[0] for name, own in commands.items() if own is not None}
-    name = max(near, key=lambda each: near[each], default="")
+    where = f"in {answer.episode.name}, unlike in the others"
+    shift = _middle([other.shift for other in others])
+    near = {name: _at(answer.grids, command, shift)[0] for name, command in commands.items() if command is not None}
+    name = max(near, key=lambda other: near[other], default="")
     against = f"moves against its command {where}: q or q_des has the wrong sign there; negate it, or leave it out"
-    if one.correlation < -FOLLOWS:
+    if answer.correlation < -FOLLOWS:
         yield against
-    if name and near[name] > OTHER and 1 - near[name] < NEARER * (1 - one.correlation):
+    if name and near[name] > OTHER and 1 - near[name] < NEARER * (1 - answer.correlation):
         yield f"follows q_des of {name} {where}: joints are swapped there; swap their columns back, or leave it out"
-    if one.correlation < -LOST_CORRELATION:
+    if answer.correlation < -LOST_CORRELATION:
         yield against
-    late, nearer = one.shift - shift, 1 - one.best < NEARER * (1 - one.correlation)
-    follow = one.best > OTHER and all(each.correlation > FOLLOWS for each in others)
+    late, nearer = answer.shift - shift, 1 - answer.best < NEARER * (1 - answer.correlation)
+    follow = answer.best > OTHER and all(other.correlation > FOLLOWS for other in others)
     if abs(late) > max(SHIFT_CHANGE, PERIODS * period) and nearer and follow:
         way = "later" if late > 0 else "earlier"
         yield f"answers {1e3 * abs(late):.0f} ms {way} {where}: q and q_des are of different rows there; leave it out"
-    if max(one.correlation, one.best) < LOST_CORRELATION:
+    if max(answer.correlation, answer.best) < LOST_CORRELATION:
         yield f"does not follow its command {where}: the drive is off or rows are damaged there; leave it out"
-    scales = [each.scale for each in others]
-    ratio = one.scale / _middle(scales) if _middle(scales) > 0 else 1.0
+    scales = [other.scale for other in others]
+    ratio = answer.scale / _middle(scales) if _middle(scales) > 0 else 1.0
     alike = min(scales) > 0 and max(scales) < MAX_SCALE_RATIO * min(scales)
-    if one.correlation > FOLLOWS and alike and not 1 / SCALES <= ratio <= SCALES:
-        yield f"moves by {ratio:.3g} of what it does in the others in {one.episode.name}: check units and scale there"
+    if answer.correlation > FOLLOWS and alike and not 1 / SCALES <= ratio <= SCALES:
+        fact = f"moves by {ratio:.3g} of what it does in the others in {answer.episode.name}"
+        yield f"{fact}: check units and scale there"
 
 
-def _moved(one: _Answer, others: Sequence[_Answer], unit: str) -> str:
+def _moved(answer: _Answer, others: Sequence[_Answer], unit: str) -> str:
     """Describe another zero of an episode than that of the others, which agree; "" if it is the same."""
-    if len(others) < MIN_EPISODES - 1 or (one.moves and one.correlation < FOLLOWS):
+    if len(others) < MIN_EPISODES - 1 or (answer.moves and answer.correlation < FOLLOWS):
         return ""
-    usual = _middle([each.zero for each in others])
-    apart = max(abs(each.zero - usual) for each in others)
-    span = max(each.range for each in (one, *others))
-    if not abs(one.zero - usual) > max(ZERO_LEAST if unit else 0.0, ZERO * span, ZERO_ERROR_RATIO * apart):
+    usual = _middle([other.zero for other in others])
+    apart = max(abs(other.zero - usual) for other in others)
+    span = max(other.range for other in (answer, *others))
+    if not abs(answer.zero - usual) > max(ZERO_LEAST if unit else 0.0, ZERO * span, ZERO_ERROR_RATIO * apart):
         return ""
-    size, way = f"{abs(one.zero - usual):.3g} {unit}".rstrip(), "below" if one.zero > usual else "above"
-    where = f"in {one.episode.name}, unlike in the others"
+    size, way = f"{abs(answer.zero - usual):.3g} {unit}".rstrip(), "below" if answer.zero > usual else "above"
+    where = f"in {answer.episode.name}, unlike in the others"
     return f"is {size} {way} its usual place {where}: the zero has changed; calibrate it, or leave it out"
 
 

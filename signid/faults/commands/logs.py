@@ -103,7 +103,7 @@ def driven_by_error(grids: Sequence[Grid]) -> float:
     for late in range(round(MAX_SPEED_DELAY / period) + 1) if long else ():
         speed = np.concatenate([(grid.q[2 * k :] - grid.q[: -2 * k])[late:] for grid in long])
         errors = [(grid.command - grid.q)[k : len(grid.q) - k] for grid in long]
-        error = np.concatenate([each[: len(each) - late] for each in errors])
+        error = np.concatenate([piece[: len(piece) - late] for piece in errors])
         size = float(np.std(speed) * np.std(error))
         if size > 0:
             best = max(best, float(np.mean((speed - speed.mean()) * (error - error.mean()))) / size)
@@ -121,12 +121,12 @@ def saturated_share(parts: Sequence[Part], grids: Sequence[Grid]) -> float:
     top = float(np.quantile(np.abs(np.concatenate([v for v, _ in speeds])), SPEED_QUANTILE))
     if top <= 0:
         return 0.0
-    found = rows = 0
+    saturated = rows = 0
     for v, wanted in speeds:
         high = (np.abs(v) >= TOP * top) & (np.abs(wanted - v) >= MIN_SPEED_ERROR * top)
-        found += sum(stop - start for start, stop in true_runs(np.asarray(high)) if stop - start >= RUN)
+        saturated += sum(stop - start for start, stop in true_runs(np.asarray(high)) if stop - start >= RUN)
         rows += len(v)
-    return found / rows
+    return saturated / rows
 
 
 def speed_over(x: Array, period: float) -> Array:
@@ -196,8 +196,8 @@ def drift(rows: Course, span: float) -> float:
     like = _left(columns, t)[1] < OTHER * float(np.var(t)) or after > (1 - DRIFTLESS) * float(np.var(q - size * t))
     if like or after > SHRINKS * before or abs(size) < least:
         return 0.0
-    each = [_left([x[side] for x in (*columns, t)], q[side])[0] / size for side in (t < 0, t >= 0)]
-    return size if all(HALVES[0] < share < HALVES[1] for share in each) else 0.0
+    halves = [_left([x[side] for x in (*columns, t)], q[side])[0] / size for side in (t < 0, t >= 0)]
+    return size if all(HALVES[0] < share < HALVES[1] for share in halves) else 0.0
 
 
 LOADED, LINEAR = 2.0, 0.1  # [1] residual of a load over that of a scale; of a scale, over the error
@@ -223,16 +223,16 @@ def scaled(rows: Course, unit: str, bandwidth: float) -> float:
 
 def ahead(grids: Sequence[Grid], span: float) -> float:
     """Median step of a command that q follows before it is made [rad or m], 0 if it does not; span: range."""
-    found = list[tuple[float, float, float]]()
+    steps = list[tuple[float, float, float]]()
     for grid in grids:
         k, step = max(1, round(WINDOW / grid.period)), np.diff(grid.command)
         at = np.flatnonzero(step) + 1
         at = at[(at >= k) & (at < len(grid.q) - k)]
         way, q = np.sign(step[at - 1]), grid.q
-        found += zip(way * (q[at] - q[at - k]), way * (q[at + k] - q[at]), np.abs(step[at - 1]), strict=True)
-    if not found:
+        steps += zip(way * (q[at] - q[at - k]), way * (q[at + k] - q[at]), np.abs(step[at - 1]), strict=True)
+    if not steps:
         return 0.0
-    before, after, size = np.median(np.array(found), axis=0).tolist()
+    before, after, size = np.median(np.array(steps), axis=0).tolist()
     return size if size > STEPS * span and before > AHEAD * after > 0 else 0.0
 
 
@@ -269,7 +269,7 @@ def _moved(parts: Sequence[Part]) -> float:
 
 
 def judge_joint(
-    audit: JointAudit, found: Response | None, parts: Sequence[Part], grids: Sequence[Grid]
+    audit: JointAudit, response: Response | None, parts: Sequence[Part], grids: Sequence[Grid]
 ) -> Iterator[str]:
     """Flags of one joint; grids: its parts on a uniform grid, without full turns."""
     if (shift := copied(parts)) is not None:
@@ -282,30 +282,30 @@ def judge_joint(
         fact = f"{audit.joint}: q does not follow q_des, it moves by less than {STUCK:.0%} of it"
         yield f"{fact}; check that the drive is on, or record when it is off (on_J)"
         return
-    if found is not None and (curve := _curve(found, grids)):
+    if response is not None and (curve := _curve(response, grids)):
         yield f"{audit.joint}: {curve}; record both with their signs"
-    elif found is not None and abs(found.correlation) < FOLLOWS and driven_by_error(grids) < DRIVEN:
-        fact = f"{audit.joint}: q does not follow q_des (correlation {found.correlation:.2f} at the best shift)"
+    elif response is not None and abs(response.correlation) < FOLLOWS and driven_by_error(grids) < DRIVEN:
+        fact = f"{audit.joint}: q does not follow q_des (correlation {response.correlation:.2f} at the best shift)"
         yield f"{fact}; q and q_des are of different joints, motions or clocks, or q is damaged: check the columns"
-    elif found is not None:
+    elif response is not None:
         ends = [(float(x.min()), float(x.max())) for x in (joined(grids, "q"), joined(grids, "command"))]
         apart = ends[0][0] >= 0 >= ends[1][1] or ends[1][0] >= 0 >= ends[0][1]
-        yield from _response(audit, found, grids[0].period, float(np.std(joined(parts, "q"))), apart)
-    if found is not None and found.correlation > FOLLOWS:
-        yield from _unlike(audit, found, parts, grids)
+        yield from _response(audit, response, grids[0].period, float(np.std(joined(parts, "q"))), apart)
+    if response is not None and response.correlation > FOLLOWS:
+        yield from _unlike(audit, response, parts, grids)
     yield from _log(audit, parts)
     yield from _damaged(audit, parts)
 
 
-def _unlike(audit: JointAudit, found: Response, parts: Sequence[Part], grids: Sequence[Grid]) -> Iterator[str]:
+def _unlike(audit: JointAudit, response: Response, parts: Sequence[Part], grids: Sequence[Grid]) -> Iterator[str]:
     """A flag of a position or command that is like the other one, but for a drift, a factor or coarse levels."""
-    rows = course(parts, grids, max(found.shift, 0.0) if np.isfinite(found.shift) else 0.0)
+    rows = course(parts, grids, max(response.shift, 0.0) if np.isfinite(response.shift) else 0.0)
     if moved := drift(rows, audit.range):
         fact = f"{audit.joint}: the zero of q drifts by {_length(moved, audit)} against q_des over the recording"
         yield f"{fact}: the encoder slips or loses counts; check it, or use short stretches"
-    if found.correlation <= AGAINST:
+    if response.correlation <= AGAINST:
         return
-    plain = audit.residual < CLEAN or not SCALES[0] < found.scale < SCALES[1]  # said already
+    plain = audit.residual < CLEAN or not SCALES[0] < response.scale < SCALES[1]  # said already
     if not plain and abs((factor := scaled(rows, audit.unit, audit.bandwidth)) - 1) > GAIN:
         fact = f"{audit.joint}: q is {factor:.3g} of q_des, at every angle"
         yield f"{fact}, which no load explains; check units, gear ratio and scale of both columns"
@@ -314,10 +314,10 @@ def _unlike(audit: JointAudit, found: Response, parts: Sequence[Part], grids: Se
         yield f"{fact}: q_des is rounded; record the command that is sent, with all its digits"
 
 
-def _curve(found: Response, grids: Sequence[Grid]) -> str:
+def _curve(response: Response, grids: Sequence[Grid]) -> str:
     """Name the one of q and q_des that is the magnitude or square of the other; "" if none is."""
     ends = [(float(x.min()), float(x.max())) for x in (joined(grids, "q"), joined(grids, "command"))]
-    straight, best, said = 1 - abs(found.correlation), CERTAIN, ""
+    straight, best, said = 1 - abs(response.correlation), CERTAIN, ""
     pairs = (("q", "q_des", ends, grids), ("q_des", "q", ends[::-1], [Grid(x.period, x.command, x.q) for x in grids]))
     for one, other, ((low, _), (least, most)), each in pairs:
         if straight < 1 - CERTAIN or low < 0 or not least < -BOTH * (most - least) < 0 < BOTH * (most - least) < most:
@@ -329,42 +329,42 @@ def _curve(found: Response, grids: Sequence[Grid]) -> str:
     return said
 
 
-def _response(audit: JointAudit, found: Response, period: float, spread: float, apart: bool) -> Iterator[str]:
+def _response(audit: JointAudit, response: Response, period: float, spread: float, apart: bool) -> Iterator[str]:
     """Flags of the answer to the command.
 
     spread: standard deviation of the position [rad or m]; apart: position and command have no sign in common.
     """
     joint = audit.joint
-    if found.correlation < -FOLLOWS:
-        fact = f"{joint} moves against its command (correlation {found.correlation:.2f})"
-        other = "" if found.correlation < -AGAINST else ", or the two are of different times or motions"
+    if response.correlation < -FOLLOWS:
+        fact = f"{joint} moves against its command (correlation {response.correlation:.2f})"
+        other = "" if response.correlation < -AGAINST else ", or the two are of different times or motions"
         lost = ", or is a magnitude or a square" if apart else ""
         yield f"{fact}: q or q_des has the wrong sign{lost}{other}; negate one of them in a column map (--columns)"
         return
-    if found.shift < -LEAD * period and found.correlation > CERTAIN and abs(found.scale - 1) < STIFF:
-        fact = f"{joint}: q leads q_des by {-1e3 * found.shift:.0f} ms"
+    if response.shift < -LEAD * period and response.correlation > CERTAIN and abs(response.scale - 1) < STIFF:
+        fact = f"{joint}: q leads q_des by {-1e3 * response.shift:.0f} ms"
         yield f"{fact}, which no drive can do; the two are from different clocks or rows: correct the log"
-    if found.shift > MAX_SHIFT:
-        fact = f"{joint} answers {1e3 * found.shift:.0f} ms after its command"
+    if response.shift > MAX_SHIFT:
+        fact = f"{joint} answers {1e3 * response.shift:.0f} ms after its command"
         yield f"{fact}, later than a drive; q_des is from earlier rows than q, or from another clock: correct the log"
-    if found.delay > max(MIN_COMMAND_DELAY, 3 * period) and found.residual < EXACT:
-        fact = f"{joint} begins to answer {1e3 * found.delay:.0f} ms after its command"
+    if response.delay > max(MIN_COMMAND_DELAY, 3 * period) and response.residual < EXACT:
+        fact = f"{joint} begins to answer {1e3 * response.delay:.0f} ms after its command"
         yield f"{fact}: a slow bus, or q_des is from earlier rows than q; check the log"
-    if found.correlation > CERTAIN and not SCALES[0] <= found.scale <= SCALES[1]:
-        near = next((k for k in (180 / pi, pi / 180) if abs(found.scale / k - 1) < DEGREES), None)
+    if response.correlation > CERTAIN and not SCALES[0] <= response.scale <= SCALES[1]:
+        near = next((k for k in (180 / pi, pi / 180) if abs(response.scale / k - 1) < DEGREES), None)
         why = "one is in degrees and the other in rad" if near else "they have different units or gear ratios"
-        yield f"{joint}: q moves by {found.scale:.3g} of q_des: {why}; state the units in a column map (--columns)"
-    elif audit.residual < CLEAN and min(abs(found.gain - 1), abs(found.scale - 1)) > GAIN:
-        fact = f"{joint}: q moves by {found.gain:.3g} of q_des throughout"
-        weak = ", unless a load holds a weak drive back" if found.gain < 1 else ""
+        yield f"{joint}: q moves by {response.scale:.3g} of q_des: {why}; state the units in a column map (--columns)"
+    elif audit.residual < CLEAN and min(abs(response.gain - 1), abs(response.scale - 1)) > GAIN:
+        fact = f"{joint}: q moves by {response.gain:.3g} of q_des throughout"
+        weak = ", unless a load holds a weak drive back" if response.gain < 1 else ""
         yield f"{fact}, which friction does not explain; check units, gear ratio and scale of both columns{weak}"
-    elif _shifted(audit, found, spread):
+    elif _shifted(audit, response, spread):
         fact = f"{joint} stays {_length(abs(audit.zero), audit)} {'below' if audit.zero > 0 else 'above'} its command"
         yield f"{fact} over its whole motion: the zeros of q and q_des differ, or a load pulls at it"
 
 
-def _shifted(audit: JointAudit, found: Response, spread: float) -> bool:
-    gain = found.gain if np.isfinite(found.gain) else found.scale
+def _shifted(audit: JointAudit, response: Response, spread: float) -> bool:
+    gain = response.gain if np.isfinite(response.gain) else response.scale
     least = ZERO_LEAST if audit.unit in ("rad", "m") else 0.0
     if abs(audit.zero) > max(least, audit.range) and abs(gain - 1) < STIFF:
         return True
@@ -403,9 +403,9 @@ def _columns(audit: JointAudit, parts: Sequence[Part], weak: bool = False) -> li
 def _damaged(audit: JointAudit, parts: Sequence[Part]) -> Iterator[str]:
     """Faults of single columns, and stretches in which a position repeats while its command moves."""
     noisy = audit.command_noise > NOISE * audit.range
-    found = judge_columns(_columns(audit, parts)[: 1 if noisy else 2])
+    faults = judge_columns(_columns(audit, parts)[: 1 if noisy else 2])
     outlying = ("spikes", "drop-outs", "skipping position") if jumps(parts)[0] else ()
-    kept = [fault for fault in found if fault.kind not in outlying]
+    kept = [fault for fault in faults if fault.kind not in outlying]
     yield from (fault.sentence for fault in kept)
     seconds, sweeps = stuck(parts, audit.range)
     still = any(fault.kind == "stuck position" for fault in kept)

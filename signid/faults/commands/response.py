@@ -88,22 +88,20 @@ def _rest_of_friction(grids: Sequence[Grid], edge: int) -> float:
     """
     rest = 1.0
     for delay in DELAYS:
-        table = np.concatenate([_with_friction(grid, round(float(delay) / grid.period), edge) for grid in grids])
-        x, y = table[:, :2], table[:, 2]
+        tables = []  # (N, 3) the late command, its last direction, and the position; means removed
+        for grid in grids:
+            late, stop = round(float(delay) / grid.period), len(grid.q) - edge
+            way = np.sign(np.diff(grid.command, prepend=grid.command[0]))
+            side = way[np.maximum.accumulate(np.where(way != 0, np.arange(len(way)), 0))]
+            rows = slice(edge - late, stop - late)
+            table = np.column_stack([grid.command[rows], side[rows], grid.q[edge:stop]])
+            tables.append(table - table.mean(axis=0))
+        x, y = np.split(np.concatenate(tables), [2], axis=1)
+        y = y[:, 0]
         value = np.linalg.lstsq(x.T @ x, x.T @ y, rcond=1e-12)[0]
         if value[1] <= 0:  # friction holds back
             rest = min(rest, float(np.mean((y - x @ value) ** 2) / np.mean(y**2)))
     return rest
-
-
-def _with_friction(grid: Grid, delay: int, edge: int) -> Array:
-    """Table (N, 3) of the command that is late by rows, its last direction, and the position; means removed."""
-    way = np.sign(np.diff(grid.command, prepend=grid.command[0]))
-    side = way[np.maximum.accumulate(np.where(way != 0, np.arange(len(way)), 0))]
-    stop = len(grid.q) - edge
-    rows = slice(edge - delay, stop - delay)
-    table = np.column_stack([grid.command[rows], side[rows], grid.q[edge:stop]])
-    return np.asarray(table - table.mean(axis=0))
 
 
 def _peak(size: Array, middle: int) -> tuple[int, float]:
@@ -183,8 +181,8 @@ def _windows(grids: Sequence[Grid]) -> list[_Window]:
         padded = np.concatenate([np.full(history, grid.command[0]), grid.command])
         size = len(grid.q) if total <= ROWS else min(WINDOW, len(grid.q))
         for start in range(0, len(grid.q) - size + 1, size):
-            own = _Window(grid.q[start : start + size], padded[start : start + size + history], grid.period)
-            cuts.append((float(np.std(own.command[history:])), own))
+            window = _Window(grid.q[start : start + size], padded[start : start + size + history], grid.period)
+            cuts.append((float(np.std(window.command[history:])), window))
     chosen: list[int] = []
     room = ROWS
     for k in sorted(range(len(cuts)), key=lambda k: -cuts[k][0])[:MAX_FITTED_WINDOWS]:
@@ -206,7 +204,7 @@ def _fitted(windows: Sequence[_Window], lag: float) -> tuple[Array, float]:
     inside = [np.array(LOWER) + 1e-6, np.array(UPPER) - 1e-6]
     starts = [np.clip([np.log(lag), share, np.log(damping)], *inside) for share in SHARES for damping in DAMPINGS]
     costs = [float(np.mean(_residual(x, windows)[0] ** 2)) for x in starts]
-    found = least_squares(
+    fit = least_squares(
         lambda x: _residual(x, windows)[0],
         starts[int(np.argmin(costs))],
         bounds=(LOWER, UPPER),
@@ -214,8 +212,8 @@ def _fitted(windows: Sequence[_Window], lag: float) -> tuple[Array, float]:
         max_nfev=15,
         ftol=1e-5,
     )
-    covariance = np.linalg.pinv(found.jac.T @ found.jac, rcond=1e-10)[0, 0] * float(np.mean(found.fun**2))
-    return np.asarray(found.x), float(np.sqrt(covariance * _correlated(found.fun)))
+    covariance = np.linalg.pinv(fit.jac.T @ fit.jac, rcond=1e-10)[0, 0] * float(np.mean(fit.fun**2))
+    return np.asarray(fit.x), float(np.sqrt(covariance * _correlated(fit.fun)))
 
 
 def _correlated(residual: Array) -> float:
@@ -251,10 +249,10 @@ def _residual(x: Array, windows: Sequence[_Window]) -> tuple[Array, Array]:
     impulse = lfilter([1.0], a, pulse)
     for window, answer, rate in zip(windows, answers, rates, strict=True):
         size = len(window.q)
-        own = np.column_stack([answer, np.ones(size), -lfilter(b, a, np.tanh(rate / slow)), window.q])
+        model = np.column_stack([answer, np.ones(size), -lfilter(b, a, np.tanh(rate / slow)), window.q])
         free = np.column_stack([impulse[1 : size + 1], impulse[:size]])
         basis, _ = np.linalg.qr(free)
-        columns.append(own - basis @ (basis.T @ own))
+        columns.append(model - basis @ (basis.T @ model))
     table, value = np.concatenate(columns), np.zeros(3)
     for use in ((0, 1, 2), (0, 1)):  # friction is not negative
         x = table[:, use]
@@ -304,10 +302,10 @@ class Rest(NamedTuple):
 
 def at_rest(parts: Sequence[Part], lag: float, quantum: float, span: float) -> Rest:
     """Errors of one joint at rest; lag [s], quantum of q and range of the command `span` [rad or m]."""
-    found = [hold for part in parts for hold in _holds(part, lag, quantum, span)]
-    if not found:
+    holds = [hold for part in parts for hold in _holds(part, lag, quantum, span)]
+    if not holds:
         return Rest(np.nan, np.nan, 0, np.nan)
-    error, way = np.array(found).T
+    error, way = np.array(holds).T
     up, down = error[way > 0], error[way < 0]
     both = min(len(up), len(down)) >= MIN_APPROACHES
     dead = abs(float(np.median(up) - np.median(down))) / 2 if both else np.nan
@@ -390,18 +388,18 @@ def driven(samples: Samples, joint: int) -> Mask:
     """Rows (N,) in which a joint has a command and its drive is not off."""
     if samples.q_des is None:
         return np.zeros(len(samples.t), bool)
-    found = np.isfinite(samples.q[:, joint]) & np.isfinite(samples.q_des[:, joint])
+    known = np.isfinite(samples.q[:, joint]) & np.isfinite(samples.q_des[:, joint])
     if samples.servo is not None and samples.servo.on is not None:
-        found &= ~(samples.servo.on[:, joint] < 0.5)  # unknown counts as on
-    return np.asarray(found)
+        known &= ~(samples.servo.on[:, joint] < 0.5)  # unknown counts as on
+    return np.asarray(known)
 
 
 def read_stamps(t: Array, rows: Mask) -> RowClock:
     """Clock of the rows; t: (N,) [s], rows: (N,) with a command."""
     both, steps = rows[1:] & rows[:-1], np.diff(t)
-    own = steps[both]
-    forward = own[own > 0]
-    repeated, back, count = int(np.sum(own == 0)), int(np.sum(own < 0)), int(rows.sum())
+    commanded_steps = steps[both]
+    forward = commanded_steps[commanded_steps > 0]
+    repeated, back, count = int(np.sum(commanded_steps == 0)), int(np.sum(commanded_steps < 0)), int(rows.sum())
     if not len(forward):
         return RowClock(np.nan, 0.0, 0.0, repeated, back, (), count)
     period = float(np.median(forward))

@@ -41,17 +41,17 @@ def memory_table(arrays: Mapping[str, Any], source: str, about: About | None = N
         RecordingError: a square matrix whose rows and columns could both be samples, too many columns or groups, or
             more numbers than memory holds.
     """
-    given: dict[str, np.ndarray] = {}
+    named: dict[str, np.ndarray] = {}
     for name, value in _leaves(arrays, "", source, 0):
-        if name in given:
+        if name in named:
             raise RecordingError(f"{source} has two arrays {name!r}; give every array its own name")
         array = np.asarray(value)
         if np.ma.isMaskedArray(value) and array.dtype.kind in NUMBERS:
             array = np.ma.filled(value.astype(np.float64), np.nan)  # masked values are missing
-        given[name] = _seconds(array)
-    reference, rows = _samples(given)
+        named[name] = _seconds(array)
+    reference, rows = _samples(named)
     columns: dict[str, np.ndarray] = {}
-    for name, value in given.items():
+    for name, value in named.items():
         for column, part in _columns(name, value, rows, source):
             if column in columns:
                 raise RecordingError(f"{source} has two columns {column!r}; give every array its own name")
@@ -92,9 +92,9 @@ def _leaves(group: Any, name: str, source: str, depth: int) -> Iterator[tuple[st
         yield from _leaves(value, f"{name}.{field}" if name else str(field), source, depth + 1)
 
 
-def _samples(given: Mapping[str, np.ndarray]) -> tuple[str, int]:
+def _samples(arrays: Mapping[str, np.ndarray]) -> tuple[str, int]:
     """Array that defines the number of samples, and this number."""
-    numbers = {name: value for name, value in given.items() if value.dtype.kind in NUMBERS}
+    numbers = {name: value for name, value in arrays.items() if value.dtype.kind in NUMBERS}
     vectors = {name: value.size for name, value in numbers.items() if 0 < value.ndim < 3 and value.size in value.shape}
     if "t" in vectors:
         return "t", vectors["t"]

@@ -208,15 +208,15 @@ def _samples(frame: pl.DataFrame) -> tuple[pl.DataFrame, tuple[str, ...]]:
 
 def _named_by_texts(frame: pl.DataFrame) -> tuple[pl.DataFrame, tuple[str, ...]]:
     """Columns such as position_0 with the text that name_0 holds in every row in place of their number, and a note."""
-    numbered = [(text, found[2]) for text in frame if (found := NAME.fullmatch(text.name)) and text.n_unique() == 1]
+    numbered = [(text, match[2]) for text in frame if (match := NAME.fullmatch(text.name)) and text.n_unique() == 1]
     names = {number: str(text[0]) for text, number in numbered if text[0] and not is_number(text[0])}
     ends = {column: re.fullmatch(r"(.*?[_.\[])(\d+)\]?", column) for column in frame.columns}
-    own = {text.name for text, _ in numbered}
-    known = {column: end for column, end in ends.items() if end and end[2] in names and column not in own}
+    texts = {text.name for text, _ in numbered}
+    known = {column: end for column, end in ends.items() if end and end[2] in names and column not in texts}
     new = {column: f"{end[1].rstrip('[._')}_{names[end[2]]}" for column, end in known.items()}
     if len({*new.values()} - {*frame.columns}) < len(new) or not new:
         return frame, ()
-    return frame.rename(new).drop(own), (f"columns are named by the texts of {shorten(sorted(own), 3)}",)
+    return frame.rename(new).drop(texts), (f"columns are named by the texts of {shorten(sorted(texts), 3)}",)
 
 
 def _seconds_of_dates(column: pl.Series) -> Array | None:
@@ -394,10 +394,10 @@ def _regular(header: str, below: Sequence[TextLine], strict: bool) -> str:
 
     `strict`: every name is one, half of the cells are numbers or missing; for headers that are not at the beginning.
     """
-    own = separator_of(header)
-    candidates: list[str] = [own, *SEPARATORS, BLANK]
+    header_separator = separator_of(header)
+    candidates: list[str] = [header_separator, *SEPARATORS, BLANK]
     for separator in candidates:
-        names = split_cells(header, own)
+        names = split_cells(header, header_separator)
         rows = [split_cells(line.text, separator) for line in below[: BELOW + 1]]
         if rows and unit_row(rows[0]):
             del rows[0]
@@ -419,13 +419,13 @@ def _numeric(cells: Sequence[str], separator: str, strict: bool) -> bool:
 
 def _number_cells(line: str) -> list[str]:
     """Cells of a line of numbers; empty if it holds anything else."""
-    found: list[str] = []
+    numbers: list[str] = []
     for separator in (";", "\t", ",", BLANK):
         cells = split_cells(line, separator)
         filled = [cell for cell in cells if cell]
-        if filled and len(cells) > len(found) and all(is_number(cell, separator != ",") for cell in filled):
-            found = cells
-    return found
+        if filled and len(cells) > len(numbers) and all(is_number(cell, separator != ",") for cell in filled):
+            numbers = cells
+    return numbers
 
 
 def _all_numbers(line: str) -> bool:

@@ -86,21 +86,21 @@ def _parsed(text: str) -> Any:
 
 
 def _unique(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
+    content = dict(pairs)
+    if len(content) < len(pairs):
         keys = [key for key, _ in pairs]
         raise ValueError(f"it has the key {next(key for key in keys if keys.count(key) > 1)!r} twice")
-    return found
+    return content
 
 
 def _flat(content: Mapping[str, Any]) -> Row:
-    found: Row = {}
+    row: Row = {}
     for name, value in _leaves(content, "", 0):
-        if name in found:
+        if name in row:
             raise ValueError(f"it gives the column {name!r} twice")
         missing = value is None or (isinstance(value, str) and (value in MISSING or value.lower() == "nan"))
-        found[name] = float("nan") if missing else value if isinstance(value, str) else float(value)
-    return found
+        row[name] = float("nan") if missing else value if isinstance(value, str) else float(value)
+    return row
 
 
 def _leaves(value: Any, name: str, depth: int) -> Iterator[tuple[str, Any]]:
@@ -183,7 +183,7 @@ def _whole(path: Path) -> Table:
 
 
 def _are_objects(value: Any) -> bool:
-    return isinstance(value, list) and bool(value) and all(isinstance(each, dict) for each in value)
+    return isinstance(value, list) and bool(value) and all(isinstance(item, dict) for item in value)
 
 
 def _arrays(content: Mapping[str, Any], depth: int) -> dict[str, Any]:
@@ -194,15 +194,15 @@ def _arrays(content: Mapping[str, Any], depth: int) -> dict[str, Any]:
     """
     if depth > MOST_DEPTH:
         raise ValueError("it is nested too deeply")
-    found: dict[str, Any] = {}
+    arrays: dict[str, Any] = {}
     for name, value in content.items():
         try:
-            found[name] = _arrays(value, depth + 1) if isinstance(value, dict) else np.array(value, np.float64)
+            arrays[name] = _arrays(value, depth + 1) if isinstance(value, dict) else np.array(value, np.float64)
         except (TypeError, ValueError):
             if isinstance(value, dict):
                 raise
-            found[name] = ""
-    return found
+            arrays[name] = ""
+    return arrays
 
 
 @dataclass

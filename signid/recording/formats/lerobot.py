@@ -67,7 +67,7 @@ def _info(path: Path) -> Mapping[str, Any]:
     try:
         info = read_json(path)
         features = info["features"]
-        if 0 < float(info["fps"]) < np.inf and all(isinstance(each, Mapping) for each in features.values()):
+        if 0 < float(info["fps"]) < np.inf and all(isinstance(feature, Mapping) for feature in features.values()):
             return dict(info)
     except OSError as error:
         raise RecordingError(f"{path} cannot be read: {error.strerror}") from error

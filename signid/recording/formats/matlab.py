@@ -56,7 +56,7 @@ class Matlab(Format):
             raise RecordingError(sentence) from error
         names = [name for name in variables if not name.startswith("__")]
         arrays: dict[str, Any] = {}
-        for name, value in (part for each in names for part in _parts(each, variables[each], 0)):
+        for name, value in (part for variable in names for part in _parts(variable, variables[variable], 0)):
             if name in arrays:
                 raise RecordingError(f"{path} has two arrays {name!r}; give every array its own name")
             arrays[name] = value
@@ -149,10 +149,10 @@ def _parts(name: str, value: Any, depth: int) -> Iterator[tuple[str, Any]]:
     if type(value) is not np.ndarray or depth > MOST_DEPTH:  # functions, objects, sparse matrices
         yield name, ""
     elif value.dtype.names and value.size <= MOST_PARTS:
-        for k, one in enumerate(value.flat, 1):
+        for k, structure in enumerate(value.flat, 1):
             for field in value.dtype.names:
                 part = f"{name}.{field}" if value.size == 1 else f"{name}_{k}.{field}"
-                yield from _parts(part, one[field], depth + 1)
+                yield from _parts(part, structure[field], depth + 1)
     else:
         yield name, "" if value.dtype.hasobject else np.squeeze(value)
 

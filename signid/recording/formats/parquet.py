@@ -96,13 +96,13 @@ class ScannedTable:
         Raises:
             RecordingError: more columns than a table may have.
         """
-        found: set[str] = set()
+        names: set[str] = set()
         for column, kind in schema.items():
             parts = list(self._parts_of(column, ColumnPart(pl.col(column), kind), 0))
-            if any(name in found or (name != column and name in schema) for name, _ in parts):
+            if any(name in names or (name != column and name in schema) for name, _ in parts):
                 parts = [(column, ColumnPart(pl.col(column), kind))]  # columns of their own come first
-            found |= {name for name, _ in parts}
-            if len(found) > MOST_COLUMNS:
+            names |= {name for name, _ in parts}
+            if len(names) > MOST_COLUMNS:
                 fault = f"{self._path} has more than {MOST_COLUMNS} columns"
                 raise RecordingError(f"{fault}; write only those of the robot")
             yield from parts
@@ -130,8 +130,8 @@ class ScannedTable:
 
 def _instance(kind: Any) -> pl.DataType:
     """Data type of a field, which may be given as a class."""
-    found: pl.DataType = kind() if isinstance(kind, type) else kind
-    return found
+    instance: pl.DataType = kind() if isinstance(kind, type) else kind
+    return instance
 
 
 class Parquet(Format):

@@ -416,11 +416,13 @@ def _decoders(connections: Sequence[Any], first: bool) -> dict[str, Any]:
             for name, text in DEFINITIONS.items():
                 store.register(get_types_from_msg(text, name))
         elif not kind.startswith(STANDARD):
-            given = next((c.msgdef for c in connections if c.msgtype == kind and c.msgdef.format != Form.NONE), None)
-            if given is None:
+            stated = next((c.msgdef for c in connections if c.msgtype == kind and c.msgdef.format != Form.NONE), None)
+            if stated is None:
                 fault = "differs between releases of ROS and is not defined in the bag; record MCAP, which defines it"
                 raise RecordingError(f"the type {kind} {fault}")
-            types = get_types_from_msg(given.data, kind) if given.format == Form.MSG else get_types_from_idl(given.data)
+            types = (
+                get_types_from_msg(stated.data, kind) if stated.format == Form.MSG else get_types_from_idl(stated.data)
+            )
             store.register({name: parts for name, parts in types.items() if name not in store.fielddefs})
         decoders[kind] = store.deserialize_ros1 if first else store.deserialize_cdr
     return decoders

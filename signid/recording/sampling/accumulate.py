@@ -188,7 +188,7 @@ def register_spans(recording: Recording) -> Array:
                 longest[j] = np.fmax(longest[j], np.fmax.reduce(steps))
     spans = np.zeros(n)
     for j in np.flatnonzero(longest > ALMOST * (high - low)).tolist():  # only these are held in memory, one at a time
-        x = np.concatenate([recording.table.read(columns[j : j + 1], start, start + CHUNK)[:, 0] for start in pieces])
+        x = recording.table.read(columns[j : j + 1], 0, len(recording))[:, 0]
         spans[j] = _span(x[np.isfinite(x)])
     return spans
 

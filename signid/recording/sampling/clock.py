@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
+from dataclasses import dataclass, field
 from heapq import heappush, heapreplace
 from itertools import pairwise
 from math import log
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import RecordingError
-from ...types import Array, Recording, Table
+from ...types import Array, Frozen, Recording, Table
 from ..vocabulary import kinds_of
 
 CHUNK = 65_536  # rows
@@ -225,12 +226,10 @@ def _spaced(stamps: Array, gap: float, most: float) -> tuple[Array, float] | Non
     parts = [stamps[low:high] - stamps[0] for low, high in pairwise(ends)]
     ticks = [np.arange(len(part), dtype=float) for part in parts]
     period = _common_period(parts, ticks) if len(parts) < len(stamps) / MIN_CLOCK_ROWS else 0.0
-    found = [
-        fit for x, k in zip(parts, ticks, strict=True) if period > 0 and (fit := _smooth(x, k, period)) is not None
-    ]
-    if len(found) < len(parts) or max(np.abs(x - y).max() for x, y in zip(parts, found, strict=True)) > most:
+    fits = [fit for x, k in zip(parts, ticks, strict=True) if period > 0 and (fit := _smooth(x, k, period)) is not None]
+    if len(fits) < len(parts) or max(np.abs(x - y).max() for x, y in zip(parts, fits, strict=True)) > most:
         return None
-    times = stamps[0] + np.concatenate(found)
+    times = stamps[0] + np.concatenate(fits)
     return (times, period) if np.all(np.diff(times) > 0) else None
 
 
@@ -281,13 +280,13 @@ def _ascending(values: NDArray[np.int_]) -> NDArray[np.int_]:
     if np.array_equal(highest, lowest):
         return values
     heap: list[int] = []
-    found = np.empty_like(values)
+    ascending = np.empty_like(values)
     for i, value in enumerate(values.tolist()):
         heappush(heap, -value)
         if -heap[0] > value:
             heapreplace(heap, -value)
-        found[i] = -heap[0]
-    return np.minimum.accumulate(found[::-1])[::-1]
+        ascending[i] = -heap[0]
+    return np.minimum.accumulate(ascending[::-1])[::-1]
 
 
 def _common_period(parts: Sequence[Array], ticks: Sequence[Array]) -> float:
@@ -388,3 +387,23 @@ def _apart(t: Array, other: Array) -> float | None:
     if spread <= (1 + DIFFERENT) * rounding + DIFFERENT * period:
         return None
     return float(np.ptp(apart)) * (1.0 if period <= MAX_STEP else UNITS[likely_unit(period)])
+
+
+@dataclass(frozen=True, eq=False)
+class Choice(Frozen):
+    """Clock of the rows of a recording.
+
+    Kinds: `stamps`, times as recorded (even steps up to rounding, or any others, which are resampled); `even`, an even
+    clock without the errors of the stamps; `ticks`, the same where rows are missing, counted by the stamps.
+    """
+
+    kind: str
+    period: float  # [s] of the uniform grid
+    jitter: float = 0.0  # [s] rms error of the stamps that the clock removes
+    missing: int = 0  # dropped rows, without gaps
+    times: Array | None = field(default=None, repr=False)  # (rows,) [s] of all rows of the file; None: its stamps
+
+    @classmethod
+    def stamps(cls, period: float) -> Choice:
+        """The stamps as they are, with a period [s]."""
+        return cls("stamps", period)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ...errors import RecordingError, shorten
 from ...types import Array, Frozen, Recording, Samples
-from .choice import Choice
+from .clock import Choice
 from .knots import BLOCK, HELD, Knots, find_knots, same_knots, spline_values
 
 STRIDE = 4096  # [kept rows] between two stored time stamps
@@ -173,10 +173,10 @@ def one_after_another(samplings: Sequence[Sampling]) -> list[Sampling]:
         near = all(s.origin for s in samplings) and 0 <= last[-1] - first[0] <= SESSION
         return [replace(s, origin=samplings[0].origin) for s in samplings] if near else list(samplings)
     out, before = list[Sampling](), 0.0
-    for k, one in enumerate(samplings):
+    for k, sampling in enumerate(samplings):
         if k and first[k] < last[k - 1]:
             before += last[k - 1] - first[k]
-        out.append(replace(one, origin=-before))
+        out.append(replace(sampling, origin=-before))
     return out
 
 
@@ -198,9 +198,9 @@ def samples(recording: Recording, sampling: Sampling, span: Span, start: int, st
     if sampling.content is not None:
         u = np.asarray(stretch.offset + np.arange(low, high) * sampling.content.grid.step)
         read = row_reader(recording, sampling, stretch)
-        found: Any = content_samples(sampling.content, read, stretch.row, stretch.kept, u)
-        tau = np.where(recording.signed, found["tau"], np.maximum(found["tau"], 0.0))
-        return Samples(t=t, **{**found, "tau": tau}, origin=sampling.origin)
+        at_instants: Any = content_samples(sampling.content, read, stretch.row, stretch.kept, u)
+        tau = np.where(recording.signed, at_instants["tau"], np.maximum(at_instants["tau"], 0.0))
+        return Samples(t=t, **{**at_instants, "tau": tau}, origin=sampling.origin)
     if sampling.uniform:
         return _rows(recording, sampling, stretch, low, high)._replace(t=t, origin=sampling.origin)
     blocks = np.searchsorted(stretch.stamps, t[[0, -1]], side="right") - 1
@@ -248,31 +248,31 @@ def _rows(recording: Recording, sampling: Sampling, stretch: Stretch, low: int, 
     place = dropped - np.arange(len(dropped))  # number of kept rows before each dropped one
     begin, end = (stretch.start + k + int(np.searchsorted(place, k, side="right")) for k in (low, high - 1))
     end = end + 1 if high > low else begin
-    found = recording.read(begin, end, servo=False)
+    rows = recording.read(begin, end, servo=False)
     if sampling.clock.times is not None:
-        found = found._replace(t=sampling.clock.times[begin:end])
+        rows = rows._replace(t=sampling.clock.times[begin:end])
     inside = dropped[slice(*np.searchsorted(dropped + stretch.start, [begin, end]))] + stretch.start - begin
     if len(inside):
-        signals: Any = found._asdict()
+        signals: Any = rows._asdict()
         kept = [np.delete(x, inside, axis=0) if isinstance(x, np.ndarray) else x for x in signals.values()]
-        found = Samples._make(kept)
+        rows = Samples._make(kept)
     if len(sampling.turn_rows):
-        found = _unwrap(found, sampling, np.delete(np.arange(begin, end), inside), stretch.start)
-    return found
+        rows = _unwrap(rows, sampling, np.delete(np.arange(begin, end), inside), stretch.start)
+    return rows
 
 
-def _unwrap(found: Samples, sampling: Sampling, rows: NDArray[np.intp], start: int) -> Samples:
+def _unwrap(samples: Samples, sampling: Sampling, rows: NDArray[np.intp], start: int) -> Samples:
     """Add full turns to positions at `rows`; desired positions of wrapping joints become the nearest equal angle."""
     turns = np.concatenate([np.zeros((1, sampling.turns.shape[1])), sampling.turns])
     before, at = (np.searchsorted(sampling.turn_rows, x, side="right") for x in (start, rows))
-    q = found.q + 2 * np.pi * (turns[at] - turns[before])
-    if found.q_des is None:
-        return found._replace(q=q)
+    q = samples.q + 2 * np.pi * (turns[at] - turns[before])
+    if samples.q_des is None:
+        return samples._replace(q=q)
     steps = np.abs(np.diff(turns, axis=0))
     span = 2 * np.pi * np.where(steps > 0, steps, np.inf).min(axis=0, initial=np.inf)
     span = np.where(np.isfinite(span), span, 2 * np.pi)
-    nearest = found.q_des + span * np.round((q - found.q_des) / span)
-    return found._replace(q=q, q_des=np.where(sampling.turns.any(axis=0), nearest, found.q_des))
+    nearest = samples.q_des + span * np.round((q - samples.q_des) / span)
+    return samples._replace(q=q, q_des=np.where(sampling.turns.any(axis=0), nearest, samples.q_des))
 
 
 def _hermite(stamps: Array, y: Array, t: Array, linear: NDArray[np.bool_]) -> Array:
@@ -324,19 +324,19 @@ def find_content(read: Read, kept: int) -> Mapping[str, tuple[Knots | None, ...]
         return None
     start = (kept - size) // 2
     piece = read(start, start + size)
-    found: dict[str, tuple[Knots | None, ...]] = {}
+    content: dict[str, tuple[Knots | None, ...]] = {}
     for name in SIGNALS:
         x = getattr(piece, name)
-        if x is None or (name not in BOUND and not any(any(found[key]) for key in BOUND)):
+        if x is None or (name not in BOUND and not any(any(content[key]) for key in BOUND)):
             continue
         complete = np.isfinite(x).all(axis=0)
-        own: list[Knots | None] = [None] * x.shape[1]
+        columns: list[Knots | None] = [None] * x.shape[1]
         for j, knots in zip(np.flatnonzero(complete).tolist(), find_knots(x[:, complete]), strict=True):
-            own[j] = None if knots is None else _confirmed(knots.moved(start), name, j, read, kept)
-        for j, knots in enumerate(own):  # nearly equal ones become those of the first
-            own[j] = next((other for other in own[:j] if other and knots and other.near(knots)), knots)
-        found[name] = tuple(own)
-    return found if any(any(found[key]) for key in BOUND) else None
+            columns[j] = None if knots is None else _confirmed(knots.moved(start), name, j, read, kept)
+        for j, knots in enumerate(columns):  # nearly equal ones become those of the first
+            columns[j] = next((other for other in columns[:j] if other and knots and other.near(knots)), knots)
+        content[name] = tuple(columns)
+    return content if any(any(content[key]) for key in BOUND) else None
 
 
 def _confirmed(knots: Knots, name: str, joint: int, read: Read, kept: int) -> Knots | None:
@@ -356,13 +356,13 @@ def content_notes(columns: Mapping[str, Sequence[str]], content: Content) -> Ite
     """A sentence for each kind of interpolation and rate."""
     groups: dict[tuple[str, str], list[str]] = {}
     for name, plural in (("q", "positions"), ("tau", "torques")):
-        own = [(column, knots) for column, knots in zip(columns[name], content.knots[name], strict=True) if column]
+        known = [(column, knots) for column, knots in zip(columns[name], content.knots[name], strict=True) if column]
         ways = [
             (column, ("held" if knots.kind == HELD else "interpolated", f"{1 / (knots.step * content.row):.4g}"))
-            for column, knots in own
+            for column, knots in known
             if knots is not None
         ]
-        if len(ways) == len(own) > 1 and len({way for _, way in ways}) == 1:
+        if len(ways) == len(known) > 1 and len({way for _, way in ways}) == 1:
             ways = [(plural, ways[0][1])]
         for column, way in ways:
             groups.setdefault(way, []).append(column)
@@ -404,10 +404,10 @@ def content_samples(content: Content, read: Read, row: float, kept: int, u: Arra
     result: dict[str, Array | None] = {}
     for name in SIGNALS:
         values = getattr(rows[low, high], name)
-        own = () if values is None else content.knots.get(name, (None,) * values.shape[1])
+        column_knots = () if values is None else content.knots.get(name, (None,) * values.shape[1])
         columns = [
             _at_rows(values[:, j], low, u) if knots is None else _at_knots(knots.moved(-row), column(name, j), kept, u)
-            for j, knots in enumerate(own)
+            for j, knots in enumerate(column_knots)
         ]
         result[name] = np.column_stack(columns) if columns else None
     return result

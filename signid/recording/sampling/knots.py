@@ -148,7 +148,7 @@ def _lines(x: Array, order: int) -> list[_Line]:
     whole = power.copy()
     power[: int(LOWEST * 4 * n)] = 0.0
     power[: int(MOTION_FREQUENCY * 4 * n)] /= MOTION_RATIO
-    found: list[_Line] = []
+    lines: list[_Line] = []
     for _ in range(LINES):
         k = int(np.argmax(power))
         if not power[k] > LINE * background:
@@ -158,24 +158,24 @@ def _lines(x: Array, order: int) -> list[_Line]:
             left, middle, right = np.log(np.maximum(whole[k - 1 : k + 2], 1e-300))
             bend = left - 2 * middle + right
             offset = float(np.clip(0.5 * (left - right) / bend, -1, 1)) if bend < 0 else 0.0
-        found.append(_Line((k + offset) / (4 * n), whole))
+        lines.append(_Line((k + offset) / (4 * n), whole))
         power[max(0, k - 12) : k + 13] = 0.0
-    parts, level = _spectrum(y, n // PARTS) if found else (whole, background)
+    parts, level = _spectrum(y, n // PARTS) if lines else (whole, background)
 
     def is_lasting(line: _Line) -> bool:
         k, here = (round(4 * size * line.frequency) for size in (n, n // PARTS))
         least = min(LINE * background, whole[k] / REPEATED) * level
         return bool(k < 4 * PARTS * PERIODS or parts[max(0, here - 1) : here + 2].max() * background >= least)
 
-    return list(filter(is_lasting, found))
+    return list(filter(is_lasting, lines))
 
 
 def _spectrum(y: Array, length: int) -> tuple[Array, float]:
     """Power of a signal (N,) in windows of a length that overlap by half, at 4 `length` frequencies; its background."""
     pieces = (y[k : k + length] for k in range(0, len(y) - length + 1, max(1, length // 2)))
     window = np.hanning(length)
-    each = (np.abs(np.fft.rfft((piece - piece.mean()) * window, 4 * length)) ** 2 for piece in pieces)
-    power = np.asarray(sum(each))
+    powers = (np.abs(np.fft.rfft((piece - piece.mean()) * window, 4 * length)) ** 2 for piece in pieces)
+    power = np.asarray(sum(powers))
     return power, float(np.median(power)) / np.log(2)
 
 
@@ -192,10 +192,10 @@ def _steps(lines: Sequence[_Line]) -> Iterator[float]:
     tried: list[float] = []
     for step in inside:
         ratio = float(Fraction(step).limit_denominator(RATIO))
-        for own in [ratio, step] if abs(ratio - step) < SNAP * step else [step]:
-            if all(abs(own - other) > 1e-6 * own for other in tried):
-                tried.append(own)
-                yield own
+        for candidate in [ratio, step] if abs(ratio - step) < SNAP * step else [step]:
+            if all(abs(candidate - other) > 1e-6 * candidate for other in tried):
+                tried.append(candidate)
+                yield candidate
 
 
 def _held(x: Array, steps: Sequence[float]) -> Knots | None:
@@ -264,7 +264,7 @@ def _trial(y: Array, kind: str, step: float, first: int) -> _Trial:
     whole = np.arange(step) if step == round(step) else np.zeros(0)
     for phases in (step * np.arange(FIRST) / FIRST, np.unique([*(step * np.arange(PHASES) / PHASES), *whole])):
         rest |= {phase: _rest(y, kind, step, phase) for phase in phases.tolist() if phase not in rest}
-        known = [each for each in rest.values() if np.isfinite(each).all()]
+        known = [rms for rms in rest.values() if np.isfinite(rms).all()]
         worst = np.maximum(np.max(known, axis=0, initial=0.0), 1e-300)
         best = min(rest, key=share)
         if share(best) >= (LIKELY if len(rest) == FIRST else HOPEFUL):
@@ -305,8 +305,8 @@ def same_knots(knots: Knots, blocks: Sequence[tuple[int, Array]], agree: float) 
     step, phase, moving = knots.step, knots.phase, 0
     places: list[tuple[float, float]] = []  # number of a knot, and its distance from the estimate [rows]
     for first, y in blocks:
-        own = Knots(knots.kind, step, phase).moved(-first)
-        fit = _held_shift(y, own) if knots.kind == HELD else _spline_shift(y, own)
+        here = Knots(knots.kind, step, phase).moved(-first)
+        fit = _held_shift(y, here) if knots.kind == HELD else _spline_shift(y, here)
         if fit is None:
             continue
         moving += 1
