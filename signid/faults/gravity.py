@@ -94,7 +94,12 @@ def find_gravity(evidence: FaultEvidence) -> GravityEstimate | None:
     """Find another gravity than the given one."""
     informative = informative_torques(evidence.plain, evidence.signed)
     stated, columns = np.array(evidence.model.robot.model.gravity.linear), gravity_columns(evidence)
-    axes, before = _shown(evidence, columns), evidence.plain
+    before, strength = evidence.plain, np.zeros((3, 3))
+    for j in np.flatnonzero(evidence.signed & (np.std(before.torque, axis=0) > 0)):
+        shown = STANDARD * (columns[:, j] - columns[:, j].mean(axis=0)) / np.std(before.torque[:, j])
+        strength += shown.T @ shown / len(shown)
+    sizes, directions = np.linalg.eigh(strength)
+    axes = np.asarray(directions.T[sizes >= VISIBLE**2])  # (k, 3) of gravity that show in the torque, orthonormal
     if not len(axes):
         return None
     if stated.any() and (weights := weigh(evidence)).bare.any() and np.array_equal(weights.bare, weights.strong):
@@ -216,16 +221,6 @@ def _angle(a: Array, b: Array) -> float:
     """Angle [rad] between two vectors; pi if one is zero, 0 if both are."""
     size = float(np.linalg.norm(a) * np.linalg.norm(b))
     return float(np.arccos(np.clip(a @ b / size, -1.0, 1.0))) if size else np.pi * bool(a.any() or b.any())
-
-
-def _shown(evidence: FaultEvidence, columns: Array) -> Array:
-    """Orthonormal directions (k, 3) of gravity that show in the torque, k <= 3."""
-    strength = np.zeros((3, 3))
-    for j in np.flatnonzero(evidence.signed & (np.std(evidence.plain.torque, axis=0) > 0)):
-        shown = STANDARD * (columns[:, j] - columns[:, j].mean(axis=0)) / np.std(evidence.plain.torque[:, j])
-        strength += shown.T @ shown / len(shown)
-    size, axes = np.linalg.eigh(strength)
-    return np.asarray(axes.T[size >= VISIBLE**2])
 
 
 def _std(evidence: FaultEvidence, columns: Array, axes: Array, value: Array) -> Array:

@@ -364,7 +364,16 @@ def factor_faults(gains: Gains, robot: Robot) -> Iterator[RecordingFault]:
     middle = gains.common
     if middle != 1.0:
         unit = next((name for factor, name in UNITS.items() if abs(log(middle / factor)) < UNIT_DISTANCE), "")
-        guess = f"they seem to be in {unit}" if unit else _currents(gains, robot)
+        fits = np.abs(
+            np.log(np.where((constant := robot.actuators.torque_constant) > 0, constant, np.nan) * gains.factor)
+        )
+        guess = "their unit or the description's masses are wrong"
+        if unit:
+            guess = f"they seem to be in {unit}"
+        elif np.isfinite(fits).any() and np.nanmedian(fits) < UNIT_DISTANCE:
+            guess = "they are currents, according to the torque constants"
+        elif middle < 1:
+            guess = "they may be currents [A], or torques before the gear"
         fact = f"all torques are {middle:.3g} times the predicted ones: {guess}"
         advice = "convert them to N.m (N), name currents current_J with a torque_constant, or correct the masses"
         severity = REFUSE if abs(log(middle)) > log(MEANINGLESS) else WARN
@@ -376,13 +385,3 @@ def factor_faults(gains: Gains, robot: Robot) -> Iterator[RecordingFault]:
         sure = f"± {percent(2 * gains.spread[j])}; no other mass of a link explains it"
         advice = "check its unit, its torque constant and its gear ratio"
         yield RecordingFault("gain", (robot.joints[j],), WARN, {"factor": ratio}, f"{fact} ({sure}); {advice}")
-
-
-def _currents(gains: Gains, robot: Robot) -> str:
-    constant = robot.actuators.torque_constant
-    fits = np.abs(np.log(np.where(constant > 0, constant, np.nan) * gains.factor))
-    if np.isfinite(fits).any() and np.nanmedian(fits) < UNIT_DISTANCE:
-        return "they are currents, according to the torque constants"
-    if gains.common < 1:
-        return "they may be currents [A], or torques before the gear"
-    return "their unit or the description's masses are wrong"

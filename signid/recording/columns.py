@@ -352,7 +352,12 @@ def _position_units(
         whole = all(bool(np.all(x == np.rint(x))) for x in columns.values())
         most = max((abs(end) for both in ends.values() for end in both), default=0.0)
         if ends and whole and not slides and not any(named.get(j) for j in columns) and (counts or most > COUNTS):
-            noticed |= _counts(ends)
+            low, high = min(a for a, _ in ends.values()), max(b for _, b in ends.values())
+            turn = next((n for n in TURNS if low >= 0 and high < n), 0)  # half of it is zero if all counts are of one
+            size, zero = turn or 4096, f"zero at {turn // 2}"
+            change = Change(2 * np.pi / size, 1.0, -np.pi if turn else 0.0)
+            why = f"whole numbers from {low:.0f} to {high:.0f}: encoder counts; {size} a turn and {zero} are assumed"
+            noticed |= dict.fromkeys(ends, Noticed(change, f"{why}, CHECK"))
             continue
         base = next(iter(units))
         unit = next((unit for unit in Q_UNITS[slides] if _fits(ends, units[unit], slides, robot)), "")
@@ -378,17 +383,6 @@ def _fits(ends: Mapping[int, tuple[float, float]], factor: tuple[float, float], 
         if low * scale < lower - slack or high * scale > upper + slack:
             return False
     return True
-
-
-def _counts(ends: Mapping[int, tuple[float, float]]) -> dict[int, Noticed]:
-    """Scale and offset of counts of encoders; half a turn is zero if all counts are of one turn."""
-    low, high = min(a for a, _ in ends.values()), max(b for _, b in ends.values())
-    turn = next((n for n in TURNS if low >= 0 and high < n), 0)
-    size = turn or 4096
-    change = Change(2 * np.pi / size, 1.0, -np.pi if turn else 0.0)
-    zero = f"zero at {turn // 2}" if turn else "zero at 0"
-    why = f"whole numbers from {low:.0f} to {high:.0f}: encoder counts; {size} a turn and {zero} are assumed, CHECK"
-    return {j: Noticed(change, why) for j in ends}
 
 
 def _velocity_unit(pairs: Sequence[tuple[Array, Array]], t: Array, slides: bool) -> Noticed:

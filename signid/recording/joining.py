@@ -161,12 +161,16 @@ def _aligned(
     shift = 0.0 if isinstance(offset, str) else offset.shift.seconds
     if apart:
         if isinstance(offset, str):
-            raise RecordingError(_unknown(first, other, offset))
+            spans = [f"{file.name} {file.t[0] / 1e9:.10g} to {file.t[-1] / 1e9:.10g} s" for file in (first, other)]
+            start, name = (int(first.t[0]) - int(other.t[0])) / 1e9, Path(path).name
+            mend = f"state what is to be added to the times of {name} with --offset {name}=SECONDS"
+            fact = (
+                f"the times of {' and '.join(spans)} do not overlap, and the offset of their clocks cannot be estimated"
+            )
+            raise RecordingError(f"{fact}, because {offset}; {mend} ({start:.10g} lets both begin together)")
         total = shift + (int(first.t[0]) - since) / 1e9
-        fact = (
-            f"{other.name}: its clock and that of {first.name} do not overlap; {_number(total, offset)} is added to its"
-        )
-        fact += f" times, as {_basis(offset)} shows"
+        fact = f"{other.name}: its clock and that of {first.name} do not overlap"
+        fact = f"{fact}; {_number(total, offset)} is added to its times, as {_basis(offset)} shows"
         if offset.command:
             flags.append(f"{fact}; the lag of the servo cannot be distinguished from it and is removed with it")
         else:
@@ -215,17 +219,6 @@ def _number(seconds: float, offset: Offset) -> str:
 
 def _basis(offset: Offset) -> str:
     return f"the comparison of {shorten(list(offset.pairs), 2)}"
-
-
-def _unknown(first: Timed, other: Timed, why: str) -> str:
-    spans = [f"{file.name} {file.t[0] / 1e9:.10g} to {file.t[-1] / 1e9:.10g} s" for file in (first, other)]
-    start = (int(first.t[0]) - int(other.t[0])) / 1e9
-    name = Path(other.opened.path).name
-    mend = f"state what is to be added to the times of {name} with --offset {name}=SECONDS"
-    return (
-        f"the times of {' and '.join(spans)} do not overlap, and the offset of their clocks cannot be estimated, "
-        f"because {why}; {mend} ({start:.10g} lets both begin together)"
-    )
 
 
 def _table(
@@ -380,13 +373,13 @@ def _time_column(opened: Opened, mapping: ParsedColumns) -> tuple[str, str, bool
     """Column of time, its unit as its name or the map states it, and whether the map names it."""
     columns = opened.table.columns
     signals = list(own_columns(mapping, opened).signals(columns, opened.name))
-    if stated := next((each for each in signals if each.logical == "t"), None):
+    if stated := next((signal for signal in signals if signal.logical == "t"), None):
         return stated.column, stated.unit, stated.mapped
-    found = [one for column in columns if (one := guess(column)) and one.kind == "t"]
-    if not found:
-        advice = 'name it in a column map (--columns): t = "NAME"'
-        raise RecordingError(f"{opened.name} has no column of time; it has {shorten(columns, 12)}; {advice}")
-    return found[0].column, found[0].unit, False
+    guesses = (meant for column in columns if (meant := guess(column)) and meant.kind == "t")
+    if time := next(guesses, None):
+        return time.column, time.unit, False
+    advice = 'name it in a column map (--columns): t = "NAME"'
+    raise RecordingError(f"{opened.name} has no column of time; it has {shorten(columns, 12)}; {advice}")
 
 
 def _change(raw: Array, named: str, name: str, column: str, mapping: ParsedColumns, notes: list[str]) -> Change:

@@ -178,7 +178,13 @@ def read_map(
             raise RecordingError(f'{name} is not TOML such as q_elbow = "elbow_pos": {error}') from error
     named: dict[str, str] = {}
     stated_units: dict[str, str | Change] = {}
-    sections = {key: _section(name, table, key) for key in SECTIONS}
+    sections: dict[str, Mapping[str, Any]] = {}
+    for key, known in SECTIONS.items():
+        section = table.get(key, {})
+        if not isinstance(section, Mapping) or (known and not {*section} <= {*known}):
+            expected = f"lines of {' or '.join(known)} below [{key}]" if known else f"lines below [{key}]"
+            raise RecordingError(f"{name} gives {key} = {section!r}; expected {expected}")
+        sections[key] = section
     time = sections["clock"].get("time")
     columns = {**sections["columns"], **({} if time is None else {"t": time})}
     for key, value in {**table, **columns}.items():
@@ -212,19 +218,6 @@ def read_map(
         raise RecordingError(f"{name} gives gravity the vector {gravity!r}; expected [0, 0, -9.81] in m/s2")
     vector = None if gravity is None else tuple(gravity)
     return ParsedColumns(named, stated_units, by_kind, joints, pattern, merged, tuple(missing), constants, vector)
-
-
-def _section(name: str, table: Mapping[str, Any], key: str) -> Mapping[str, Any]:
-    """A section of a reading, {} without it.
-
-    Raises:
-        RecordingError: it is no section, or has an unknown key.
-    """
-    section, known = table.get(key, {}), SECTIONS[key]
-    if not isinstance(section, Mapping) or (known and not {*section} <= {*known}):
-        expected = f"lines of {' or '.join(known)} below [{key}]" if known else f"lines below [{key}]"
-        raise RecordingError(f"{name} gives {key} = {section!r}; expected {expected}")
-    return section
 
 
 def _is_number(value: object) -> bool:

@@ -55,9 +55,16 @@ def guess_columns(columns: Sequence[str], robot: Robot) -> list[Guess]:
     guesses = [one for one in guesses if one.joint or one.kind == "t"]
     named = {one.kind for one in guesses if not one.bare}
     guesses = [one for one in guesses if not (one.bare and one.kind in named)]
-    return (
-        guesses if any(one.kind == "q" for one in guesses) else [*guesses, *_unnamed_positions(columns, guesses, robot)]
-    )
+    if any(one.kind == "q" for one in guesses):
+        return guesses
+    used = {one.column for one in guesses}
+    joints = {_plain(joint) for joint in robot.joints} | {_plain(one.joint) for one in guesses if one.kind == "q_des"}
+    alone = []  # columns that name a joint and nothing else
+    for column in columns:
+        name = _plain(column)
+        if column not in used and (name in joints or (NUMBER.fullmatch(name) and not name.isdigit())):
+            alone.append(Guess(column, "q", column, "", False, bare=True))
+    return [*guesses, *alone] if len(alone) > 1 else guesses
 
 
 def guess(column: str, known: Collection[str] = ()) -> Guess | None:
@@ -235,18 +242,6 @@ def _named_joint(column: str, known: Collection[str]) -> tuple[str, str]:
             if rest := (column[: match.start()] + " " + column[match.end() :]).strip(" _/."):
                 return joint, rest
     return "", column
-
-
-def _unnamed_positions(columns: Sequence[str], guesses: Sequence[Guess], robot: Robot) -> list[Guess]:
-    """Columns that name a joint and nothing else, where no column is one of positions."""
-    used = {guessed.column for guessed in guesses}
-    names = {column: _plain(column) for column in columns if column not in used}
-    commanded = {_plain(guessed.joint) for guessed in guesses if guessed.kind == "q_des"}
-    joints = {_plain(joint) for joint in robot.joints}
-    named = [
-        c for c, name in names.items() if name in joints | commanded or (NUMBER.fullmatch(name) and not name.isdigit())
-    ]
-    return [Guess(column, "q", column, "", False, bare=True) for column in named] if len(named) > 1 else []
 
 
 def _joints_of(guesses: Sequence[Guess], robot: Robot, zero: bool) -> dict[str, str]:

@@ -137,7 +137,15 @@ def columns_of(source: Mapping[str, ArrayLike] | Frame) -> Mapping[str, ArrayLik
     if isinstance(source, np.ndarray) and source.dtype.names:
         return {name: source[name] for name in source.dtype.names}
     if hasattr(source, "iloc") and hasattr(source, "columns"):
-        return _of_pandas(source)
+        frame: Any = source
+        names = [str(name) for name in frame.columns]
+        if (twice := next((name for name in names if names.count(name) > 1), None)) is not None:
+            raise RecordingError(f"the frame has two columns {twice!r}; give every column its own name")
+        columns = {name: _numbers(frame.iloc[:, k]) for k, name in enumerate(names)}
+        index = frame.index
+        if "t" not in columns and (index.name == "t" or getattr(index.dtype, "kind", "") in "mM"):
+            columns["t"] = _numbers(index)
+        return columns
     if isinstance(source, pl.LazyFrame):
         source = source.collect()
     elif hasattr(source, "__arrow_c_stream__") and not isinstance(source, pl.DataFrame):
@@ -147,18 +155,6 @@ def columns_of(source: Mapping[str, ArrayLike] | Frame) -> Mapping[str, ArrayLik
         return {column.name: column.to_numpy() for column in source}
     expected = "expected a file, arrays by column name, or a frame of pandas, polars or arrow"
     raise RecordingError(f"a recording cannot be read from {type(source).__name__}; {expected}")
-
-
-def _of_pandas(frame: Any) -> dict[str, ArrayLike]:
-    names = [str(name) for name in frame.columns]
-    if len(set(names)) < len(names):
-        twice = next(name for name in names if names.count(name) > 1)
-        raise RecordingError(f"the frame has two columns {twice!r}; give every column its own name")
-    columns = {name: _numbers(frame.iloc[:, k]) for k, name in enumerate(names)}
-    index = frame.index
-    if "t" not in columns and (index.name == "t" or getattr(index.dtype, "kind", "") in "mM"):
-        columns["t"] = _numbers(index)
-    return columns
 
 
 def _numbers(series: Any) -> ArrayLike:

@@ -168,7 +168,12 @@ def _pairs(moving: AllReadings, other: AllReadings, sharp: str, swapped: bool) -
     for (kind, joint), track in other.items():
         for source, order in _sources(kind, sharp):
             if (source, joint) in moving and len(track.t) >= MIN_OVERLAP_ROWS:
-                made = _motion(moving, (source, joint), order, min(MAX_COLUMNS, _crossings(track)))
+                _, place = np.unique(np.floor((track.t - track.t[0]) / BIN), return_index=True)
+                mean = np.add.reduceat(track.x, place) / np.diff(np.append(place, len(track.x)))
+                crossings = int(
+                    np.sum(np.diff(np.sign(mean - mean.mean())) != 0)
+                )  # of its mean, with noise averaged out
+                made = _motion(moving, (source, joint), order, min(MAX_COLUMNS, crossings))
                 if made is not None:
                     with_what = "the motion" if order < 0 else f"its {WORDS[source]}"
                     words = f"{WORDS[kind]} of {joint} with {with_what}"
@@ -229,13 +234,6 @@ def _motion(moving: AllReadings, key: tuple[str, str], order: int, most: int) ->
     return Predictors(float(t[0]), period, np.column_stack(columns), known)
 
 
-def _crossings(track: Readings) -> int:
-    """Number of times that a signal crosses its mean, with noise averaged out."""
-    _, place = np.unique(np.floor((track.t - track.t[0]) / BIN), return_index=True)
-    mean = np.add.reduceat(track.x, place) / np.diff(np.append(place, len(track.x)))
-    return int(np.sum(np.diff(np.sign(mean - mean.mean())) != 0))
-
-
 def _common(pairs: Sequence[_Pair], overlap: float) -> ClockShift | str:
     """One shift for all pairs, weighted by their precision, or why there is none."""
     spans = [(np.ptp(pair.motion.t), np.ptp(pair.answer.t)) for pair in pairs]
@@ -256,25 +254,22 @@ def _common(pairs: Sequence[_Pair], overlap: float) -> ClockShift | str:
         return f"no shift explains more than {MIN_EXPLAINED:.0%} of {pairs[0].words.partition(' with ')[0]}"
     if rivalled:
         return "the motion repeats itself, so several shifts explain it as well"
-    found = [_fine(pair, near, 2 * period) for pair in pairs]
-    found = [each for each in found if each.explained >= MIN_EXPLAINED and np.isfinite(each.std)]
-    if not found:
+    clear: list[ClockShift] = []
+    for pair in pairs:
+        sign = -1.0 if pair.swapped else 1.0
+        shift = fine_shift(pair.motion, pair.answer, sign * near, 2 * period)
+        bias = BIAS * (1 - shift.explained) if pair.motion.x.shape[1] > 1 else 0.0
+        if shift.explained >= MIN_EXPLAINED and np.isfinite(shift.std):
+            clear.append(shift._replace(seconds=sign * shift.seconds, std=float(np.hypot(shift.std, bias))))
+    if not clear:
         return "no shift explains the signals"
-    values = np.array([shift.seconds for shift in found])
-    weights = 1 / np.maximum([shift.std for shift in found], 1e-6) ** 2
+    values = np.array([shift.seconds for shift in clear])
+    weights = 1 / np.maximum([shift.std for shift in clear], 1e-6) ** 2
     mean_shift = float(np.average(values, weights=weights))
-    scatter = float(np.average((values - mean_shift) ** 2, weights=weights)) / max(1, len(found) - 1)
-    explained, unshifted = (float(np.mean([shift[k] for shift in found])) for k in (2, 3))
+    scatter = float(np.average((values - mean_shift) ** 2, weights=weights)) / max(1, len(clear) - 1)
+    explained_share, unshifted = (float(np.mean([shift[k] for shift in clear])) for k in (2, 3))
     std = float(np.sqrt(max(1 / weights.sum(), scatter)))  # not smaller than their scatter
-    return ClockShift(mean_shift, std, explained, unshifted)
-
-
-def _fine(pair: _Pair, near: float, width: float) -> ClockShift:
-    shift = fine_shift(pair.motion, pair.answer, -near if pair.swapped else near, width)
-    bias = BIAS * (1 - shift.explained) if pair.motion.x.shape[1] > 1 else 0.0
-    return shift._replace(
-        seconds=-shift.seconds if pair.swapped else shift.seconds, std=float(np.hypot(shift.std, bias))
-    )
+    return ClockShift(mean_shift, std, explained_share, unshifted)
 
 
 class Predictors(NamedTuple):

@@ -294,7 +294,16 @@ def judge_joint(
     if response is not None and response.correlation > FOLLOWS:
         yield from _unlike(audit, response, parts, grids)
     yield from _log(audit, parts)
-    yield from _damaged(audit, parts)
+    noisy = audit.command_noise > NOISE * audit.range
+    faults = judge_columns(_columns(audit, parts)[: 1 if noisy else 2])
+    outlying = ("spikes", "drop-outs", "skipping position") if jumps(parts)[0] else ()
+    kept = [fault for fault in faults if fault.kind not in outlying]
+    yield from (fault.sentence for fault in kept)
+    seconds, sweeps = stuck(parts, audit.range)
+    still = any(fault.kind == "stuck position" for fault in kept)
+    if sweeps > SWEEPS and not still and not noisy and not abs(audit.shift) > MAX_SHIFT:
+        fact = f"{audit.joint}: q stays the same for {seconds:.3g} s while q_des moves"
+        yield f"{fact}: the sensor is stuck, or the drive is off; leave these rows out or mark them (on_J)"
 
 
 def _unlike(audit: JointAudit, response: Response, parts: Sequence[Part], grids: Sequence[Grid]) -> Iterator[str]:
@@ -398,20 +407,6 @@ def _columns(audit: JointAudit, parts: Sequence[Part], weak: bool = False) -> li
     t, q, command = ([getattr(part, key) for part in parts] for key in ("t", "q", "command"))
     position = Column(audit.joint, "position", f"{audit.joint}: q", audit.unit, t, q, command, weak=weak)
     return [position, Column(audit.joint, "command", f"{audit.joint}: q_des", audit.unit, t, command, weak=weak)]
-
-
-def _damaged(audit: JointAudit, parts: Sequence[Part]) -> Iterator[str]:
-    """Faults of single columns, and stretches in which a position repeats while its command moves."""
-    noisy = audit.command_noise > NOISE * audit.range
-    faults = judge_columns(_columns(audit, parts)[: 1 if noisy else 2])
-    outlying = ("spikes", "drop-outs", "skipping position") if jumps(parts)[0] else ()
-    kept = [fault for fault in faults if fault.kind not in outlying]
-    yield from (fault.sentence for fault in kept)
-    seconds, sweeps = stuck(parts, audit.range)
-    still = any(fault.kind == "stuck position" for fault in kept)
-    if sweeps > SWEEPS and not still and not noisy and not abs(audit.shift) > MAX_SHIFT:
-        fact = f"{audit.joint}: q stays the same for {seconds:.3g} s while q_des moves"
-        yield f"{fact}: the sensor is stuck, or the drive is off; leave these rows out or mark them (on_J)"
 
 
 def judge_stamps(recordings: Sequence[Recording], clocks: Sequence[RowClock]) -> Iterator[str]:

@@ -251,8 +251,12 @@ def faults(facts: Facts) -> Iterator[str]:
     if clock.period >= MILLISECONDS and clock.step >= 1 and facts.speed.max() < CRAWL:
         unit = likely_unit(clock.period)
         yield f"time steps by {clock.period:g}, which is too slow for seconds; it looks like {unit}: convert it"
-    yield from _dead_torques(facts)
     total, columns = facts.accumulated.total, facts.recording.columns
+    for j, (joint, column) in enumerate(zip(facts.recording.joints, columns["tau"], strict=True)):
+        if column and total.least[j] == total.most[j] == 0:
+            yield f"column {column!r} is zero throughout; record the torque of {joint}, or remove the column"
+        elif column and total.least[j] == total.most[j] and facts.moves[j]:
+            yield f"column {column!r} is constant although {joint} moves; record its torque, or remove the column"
     sizes = np.maximum(np.abs(total.lower), np.abs(total.upper)), np.sqrt(total.power / total.samples)
     for key, size in zip(("q", "tau"), sizes, strict=True):
         for column, reached in zip(columns[key], size, strict=True):
@@ -273,18 +277,6 @@ def _degrees(facts: Facts) -> Iterator[str]:
                 yield f"{reach}, limits are {lower[j]:.4g} to {upper[j]:.4g} rad: it is in degrees; {advice}"
         elif not names[j].startswith(INTEGRAL) and high - low > SPIN and facts.speed[j] > RACE:
             yield f"{reach} at {facts.speed[j]:.4g} each second: it seems to be in degrees; {advice}"
-
-
-def _dead_torques(facts: Facts) -> Iterator[str]:
-    total = facts.accumulated.total
-    for j, column in enumerate(facts.recording.columns["tau"]):
-        if not column or total.least[j] != total.most[j]:
-            continue
-        joint = facts.recording.joints[j]
-        if total.most[j] == 0:
-            yield f"column {column!r} is zero throughout; record the torque of {joint}, or remove the column"
-        elif facts.moves[j]:
-            yield f"column {column!r} is constant although {joint} moves; record its torque, or remove the column"
 
 
 def notes(facts: Facts) -> Iterator[str]:
