@@ -250,18 +250,15 @@ def _judged(evidence: FaultEvidence, informative: Mask, trial: _Trial, rest: flo
     springs = any(name.startswith(SPRING) and other < left - TIE for name, other in laws.items())
     if springs or (law and trial.kind in DESCRIBED):
         return None
-    changes = tuple(_changes(evidence.robot, trial))
-    return Distortion(trial.kind, joints, trial.value, *shares, share, signals, law, changes)
-
-
-def _changes(robot: Robot, trial: _Trial) -> Iterator[tuple[str, str, str]]:
-    """Joints, and what the description states of them and a trial has instead."""
+    changes, robot = list[tuple[str, str, str]](), evidence.robot  # joint, what is stated of it, and what the trial has
     if trial.kind == "joint axis":
         old, new = (axis_words(axis) or "oblique" for axis in (_axis(robot, trial.joint), trial.vector))
-        yield robot.joints[trial.joint], old, new
+        changes = [(robot.joints[trial.joint], old, new)]
     elif trial.kind == "held joints":
-        stated, held = held_positions(robot), held_positions(_described(robot, trial))
-        yield from ((j, f"{x:.2f}", f"{held[j]:.2f}") for j, x in stated.items() if abs(held[j] - x) > STEPS[-1] / 2)
+        held, least = held_positions(_described(robot, trial)), STEPS[-1] / 2
+        stated = held_positions(robot).items()
+        changes = [(j, f"{x:.2f}", f"{held[j]:.2f}") for j, x in stated if abs(held[j] - x) > least]
+    return Distortion(trial.kind, joints, trial.value, *shares, share, signals, law, tuple(changes))
 
 
 def axis_words(vector: Sequence[float] | Array) -> str:

@@ -153,8 +153,16 @@ def examine(
     explained = np.where(seen.evidence.signed, 1 - seen.left, np.nan)
     weight = np.where(seen.weights.strong & (seen.search.found is None), seen.weights.share, np.nan)
     weight[[j for claim in seen.claims for j in claim.joints]] = np.nan
-    verdicts, tried = _verdicts(seen), seen.search.tried
-    return RecordingFaults(joints, explained, seen.gains.factor, late, *verdicts, tuple(case.found), weight, tried)
+    others, signs, order = unexplained_by_others(seen.signals), list[str](), list[str]()
+    wrong = [{j for c in seen.claims if c.kind in kinds for j in c.joints} for kinds in (SIGNS, ORDERS)]
+    for j in range(len(joints)):  # verdicts on sign and order, by comparison with all others
+        rest = np.delete(others[:, j], j, axis=0).min(initial=1.0)
+        for verdicts, faulty, rival in ((signs, wrong[0], others[j, j, 1]), (order, wrong[1], rest)):
+            alone = len(joints) == 1 and verdicts is order
+            right = seen.informative[j] and (alone or rival - seen.left[j] >= SHARE_MARGIN)
+            verdicts.append("wrong" if j in faulty else "right" if right else UNCERTAIN)
+    factor, tried, findings = seen.gains.factor, seen.search.tried, tuple(case.found)
+    return RecordingFaults(joints, explained, factor, late, tuple(signs), tuple(order), findings, weight, tried)
 
 
 def _look(case: Case) -> None:
@@ -284,19 +292,6 @@ def _torque_faults(seen: TorqueComparison) -> Iterator[RecordingFault]:
         middle = float(np.median(ratio))
         fact = f"absolute torques are {middle:.3g} times the predicted ones: their unit is wrong"
         yield RecordingFault("units", (), WARN, {"factor": middle}, f"{fact}; convert them to N.m (N)")
-
-
-def _verdicts(seen: TorqueComparison) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Verdicts on signs and on order, by comparison with all others."""
-    n, others = len(seen.informative), unexplained_by_others(seen.signals)
-    wrong = [{j for c in seen.claims if c.kind in kinds for j in c.joints} for kinds in (SIGNS, ORDERS)]
-    signs, order = list[str](), list[str]()
-    for j in range(n):
-        rest = np.delete(others[:, j], j, axis=0).min(initial=1.0)
-        for verdicts, faulty, rival in ((signs, wrong[0], others[j, j, 1]), (order, wrong[1], rest)):
-            right = seen.informative[j] and (n == 1 and verdicts is order or rival - seen.left[j] >= SHARE_MARGIN)
-            verdicts.append("wrong" if j in faulty else "right" if right else UNCERTAIN)
-    return tuple(signs), tuple(order)
 
 
 def absolute_torques(evidence: FaultEvidence, parts: Sequence[Part]) -> Mask:

@@ -120,7 +120,14 @@ def identification_flags(
     bad = _bad(fit, np.maximum(square - mean**2, 0.0), sound)
     lacks = [lack for lack in lacks if sound[fit.joints.index(lack.joint)]]
     sentences += [lack.sentence for lack in lacks]
-    return (*dict.fromkeys(sentences), *bad, *_worse(fit, before, sound & matters)), tuple(lacks)
+    larger = fit.held_out_rms > DESCRIBED_RMS_RATIO * before.held_out_rms
+    worse = [
+        f"the held-out torque of {fit.joints[j]} is predicted worse than by the description "
+        f"(rms {fit.held_out_rms[j]:.3g} instead of {before.held_out_rms[j]:.3g} {fit.unit[j]}): do not use the "
+        f"model for it; run signid diagnose with the description and the recordings"
+        for j in np.flatnonzero(sound & matters & larger & (_floors(fit) > NOISE_RATIO))
+    ]
+    return (*dict.fromkeys(sentences), *bad, *worse), tuple(lacks)
 
 
 def _bad(fit: Fit, variance: Array, sound: Mask) -> Iterator[str]:
@@ -137,17 +144,6 @@ def _bad(fit: Fit, variance: Array, sound: Mask) -> Iterator[str]:
         yield (
             f"the model leaves much of the torque of {shorten(joints, 4)} unexplained, far beyond the noise floor: it "
             f"lacks an effect; run signid diagnose with model.json and the recordings"
-        )
-
-
-def _worse(fit: Fit, described: Fit, sound: Mask) -> Iterator[str]:
-    """A sentence on each joint that the description predicts better on the same held-out rows."""
-    worse = sound & (fit.held_out_rms > DESCRIBED_RMS_RATIO * described.held_out_rms) & (_floors(fit) > NOISE_RATIO)
-    for j in np.flatnonzero(worse):
-        yield (
-            f"the held-out torque of {fit.joints[j]} is predicted worse than by the description "
-            f"(rms {fit.held_out_rms[j]:.3g} instead of {described.held_out_rms[j]:.3g} {fit.unit[j]}): do not use the "
-            f"model for it; run signid diagnose with the description and the recordings"
         )
 
 

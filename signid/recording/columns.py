@@ -407,15 +407,6 @@ def _velocity_unit(pairs: Sequence[tuple[Array, Array]], t: Array, slides: bool)
     return Noticed(best, f"positions change by {ratio:.3g} of it")
 
 
-def _torque_unit(values: Mapping[int, Array], base: str, robot: Robot) -> Noticed:
-    """Unit of torques, N.m or N, or a thousandth where they are far beyond a limit of the description."""
-    for j, x in values.items():
-        limit, most = float(robot.effort_limit[j]), _most(x)
-        if 0 < limit < np.inf and STRONG * limit < most < STRONG * limit * 1e3:
-            return Noticed(f"m{base}", f"{robot.joints[j]} reaches {most:.4g}, its limit is {limit:.4g} {base}")
-    return Noticed(base, "assumed")
-
-
 def _duty_unit(values: Iterable[Array]) -> Noticed | None:
     """Scale of the registers of duties; None where they are duties themselves."""
     most = max((_most(signed_register(x)) for x in values), default=0.0)
@@ -462,7 +453,14 @@ def noticed_units(
             unit = _duty_unit(group.values()) or unit
         elif "tau" in kind:
             percent, load = any("%" in guesses[j].column for j in group), any(guesses[j].load for j in group)
-            unit = _torque_unit(group, base, robot).with_caveat(percent=percent, load=load)
+            unit = Noticed(base, "assumed")
+            for j, x in group.items():  # a thousandth where torques are far beyond a limit of the description
+                limit, most = float(robot.effort_limit[j]), _most(x)
+                if 0 < limit < np.inf and STRONG * limit < most < STRONG * limit * 1e3:
+                    why = f"{robot.joints[j]} reaches {most:.4g}, its limit is {limit:.4g} {base}"
+                    unit = Noticed(f"m{base}", why)
+                    break
+            unit = unit.with_caveat(percent=percent, load=load)
         for j in group:
             noticed[j] = Noticed(guesses[j].unit, "named in the column") if guesses[j].unit else unit
     return noticed

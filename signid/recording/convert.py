@@ -107,8 +107,12 @@ def convert(
         strange = [name for name in unmapped if _kind(name) not in ("", "t", *DRIVE) and resolve(name, robot) is None]
     kept = {name: values for name, values in kept.items() if name not in strange}
     if drop_missing:
-        kept, dropped = _complete(kept)
-        notes += dropped
+        needed = [np.isnan(x) for name, x in kept.items() if _kind(name) in ("t", "q", *TORQUES)]
+        lacks = np.any([empty for empty in needed if not empty.all()] or [[False]], axis=0)
+        if lacks.any():
+            kept = {name: values[~lacks] for name, values in kept.items()}
+            rows = f"{int(lacks.sum())} of {len(lacks)} rows"
+            notes.append(f"{rows} lack a value and are omitted, which bridges short gaps")
     pace, faults = _pace(opened.name, kept)
     flags = [*joined.flags, *faults]
     if robot and strange:
@@ -163,17 +167,6 @@ def _values(opened: Opened, mapping: ParsedColumns, signal: Signal, robot: Robot
     stated = stated_units(mapping, [(kind, signal)] if kind else []).get(signal.column)
     values = converted(opened, mapping, signals).read([signal.column], 0, table.rows)[:, 0].copy()
     return values, stated.unit if stated else ""
-
-
-def _complete(columns: Mapping[str, Array]) -> tuple[dict[str, Array], list[str]]:
-    """Rows with all values that identification needs, and a note; columns without any value are ignored."""
-    needed = [name for name in columns if _kind(name) in ("t", "q", *TORQUES)]
-    empty = np.array([np.isnan(columns[name]) for name in needed if not np.isnan(columns[name]).all()])
-    lacks = np.asarray(empty.any(axis=0)) if len(empty) else np.zeros(1, bool)
-    if not lacks.any():
-        return dict(columns), []
-    complete = {name: values[~lacks] for name, values in columns.items()}
-    return complete, [f"{int(lacks.sum())} of {len(lacks)} rows lack a value and are omitted, which bridges short gaps"]
 
 
 def _pace(name: str, columns: Mapping[str, Array]) -> tuple[Pace | None, list[str]]:

@@ -292,7 +292,11 @@ def _text(
     lacking: Sequence[str],
 ) -> str:
     """The map as TOML, one line per signal with its reason."""
-    shared = {kind: _shared([line for line in lines if line.kind == kind]) for kind in ("t", *ORDER)}
+    shared: dict[str, Noticed | None] = {}  # the unit that all lines of a kind have, with the reason of the clearest
+    for kind in ("t", *ORDER):
+        noticed = [line.noticed for line in lines if line.kind == kind]
+        alike = len({unit.unit for unit in noticed}) == 1 and not isinstance(noticed[0].unit, Change)
+        shared[kind] = max(noticed, key=lambda unit: "assumed" not in unit.why) if alike else None
     out = [
         f"# Reading of {quoted(source)} for the robot {quoted(robot.name)}, drafted by signid",
         "# from the names of the columns and from their numbers. Read it, correct lines with which? or CHECK, and run",
@@ -325,14 +329,6 @@ def _text(
     time = next((line for line in lines if line.kind == "t"), None)
     clock = f"time = {quoted(time.guess.column)}" if time else "# rate = 100  # [Hz] of rows without a column of time"
     return "\n".join([*out, "", "[clock]", clock, ""])
-
-
-def _shared(lines: Sequence[MappedColumn]) -> Noticed | None:
-    """The unit that all lines of a kind have, with the reason of the clearest; None if they differ."""
-    units = {line.noticed.unit for line in lines}
-    if len(units) != 1 or isinstance(next(iter(units)), Change):
-        return None
-    return max((line.noticed for line in lines), key=lambda noticed: "assumed" not in noticed.why)
 
 
 def _section(kind: str, lines: Sequence[MappedColumn], shared: Noticed | None) -> Iterator[str]:

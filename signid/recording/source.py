@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from errno import EINVAL
 from hashlib import file_digest, sha256
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, cast
@@ -112,7 +111,7 @@ def digest_of(path: Path) -> str:
         digests = []
         for file in files:
             if file.exists() and not file.is_file():
-                raise OSError(EINVAL, "it is no regular file", str(file))
+                raise RecordingError(f"recording {path} cannot be read: it is no regular file")
             with file.open("rb") as stream:
                 digests.append(file_digest(stream, "sha256").hexdigest())
     except OSError as error:

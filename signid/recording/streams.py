@@ -106,6 +106,11 @@ BIAS = 0.1  # [s] error of an offset by a share of the torque that the fit of th
 CELLS = 100_000  # of the grid on which shifts are compared: rows times columns
 OVERLAP = 0.5  # share of the shorter file that overlaps at every shift that is tried
 FORCES = ("tau", "current")
+EXPLAINING = {  # kinds that explain a signal, the sharpest first, and the order of derivative; -1: a fit of the motion
+    "measured": {"dq": [("q", 1)], "ddq": [("dq", 1), ("q", 2)], "tau": [("current", 0)], "current": [("tau", 0)]},
+    "force": {kind: [("q", -1)] for kind in FORCES},
+    "command": {"q_des": [("q", 0)], "dq_des": [("dq", 0), ("q", 1)]},
+}
 ROWS = 20_000  # most rows of a grid on which shifts are compared
 MIN_EXPLAINED = 0.5  # [1] least share of a signal that is explained
 AROUND = 0.5  # [s] the best peak at most so much further from no shift than the nearest good one is chosen
@@ -154,7 +159,7 @@ def estimate_offset(first: AllReadings, second: AllReadings, overlap: float) -> 
     motion only if there is no other pair.
     """
     reason = "they have no signals of one joint of which one follows from the other"
-    for sharp in ("measured", "force", "command"):
+    for sharp in EXPLAINING:
         pairs = [*_pairs(first, second, sharp, False), *_pairs(second, first, sharp, True)]
         shift = _common(pairs, overlap) if pairs else reason
         if not isinstance(shift, str):
@@ -166,7 +171,7 @@ def estimate_offset(first: AllReadings, second: AllReadings, overlap: float) -> 
 def _pairs(moving: AllReadings, other: AllReadings, sharp: str, swapped: bool) -> Iterator[_Pair]:
     """Signals of one file that columns of another explain."""
     for (kind, joint), track in other.items():
-        for source, order in _sources(kind, sharp):
+        for source, order in EXPLAINING[sharp].get(kind, ()):
             if (source, joint) in moving and len(track.t) >= MIN_OVERLAP_ROWS:
                 _, place = np.unique(np.floor((track.t - track.t[0]) / BIN), return_index=True)
                 mean = np.add.reduceat(track.x, place) / np.diff(np.append(place, len(track.x)))
@@ -180,18 +185,6 @@ def _pairs(moving: AllReadings, other: AllReadings, sharp: str, swapped: bool) -
                     positive = kind not in FORCES
                     yield _Pair(words, made, TargetSignal(track.t, track.x, positive), swapped)
                 break
-
-
-def _sources(kind: str, sharp: str) -> Sequence[tuple[str, int]]:
-    """Kinds that explain a signal, and the order of the derivative; -1: a fit of the motion."""
-    if sharp == "measured":
-        other = "current" if kind == "tau" else "tau"
-        return {"dq": [("q", 1)], "ddq": [("dq", 1), ("q", 2)], "tau": [(other, 0)], "current": [(other, 0)]}.get(
-            kind, []
-        )
-    if sharp == "force":
-        return [("q", -1)] if kind in FORCES else []
-    return {"q_des": [("q", 0)], "dq_des": [("dq", 0), ("q", 1)]}.get(kind, [])
 
 
 def _motion(moving: AllReadings, key: tuple[str, str], order: int, most: int) -> Predictors | None:

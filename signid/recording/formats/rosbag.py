@@ -178,6 +178,9 @@ def join(gathered: Sequence[Gather], topics: Sequence[Topic], source: str) -> Me
     The slowest topic with positions or torques defines the rows. Topics of similar or higher rate are interpolated at
     these rows, but not across gaps; slower topics are omitted. Header stamps are used if they are set, increase, and
     come from one clock; otherwise the times of receipt.
+
+    Raises:
+        RecordingError: the topics have no position and no torque, or a single reading.
     """
     by_header, clock = _clock(gathered)
     notes: list[str] = []
