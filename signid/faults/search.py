@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..deadline import time_is_up
+from ..recording.sampling.survey import RADIANS
 from ..regression.projection import least_squares, leave
 from ..types import Array, Frozen, Mask, Robot
 from .distortions import nats
@@ -32,7 +33,6 @@ from .evidence import (
 )
 from .result import REFUSE, WARN, RecordingFault, named, percent
 
-DEGREES = 'convert it to radians, or write [units] q = "deg", on two lines, into a column map (--columns)'
 TURNS = 'convert it to radians, or write [units] q = "rev", on two lines, into a column map (--columns)'
 METRES = 'convert it to metres, or write [units] q = "mm", on two lines, into a column map (--columns)'
 CLAIMS = {  # kind -> fault of some joints, correction that was tried, advice
@@ -46,7 +46,7 @@ CLAIMS = {  # kind -> fault of some joints, correction that was tried, advice
     "torque order": ("the torques of {} are exchanged", "put in order", "rename the columns"),
     "position order": ("the positions of {} are exchanged", "put in order", "rename the columns"),
     "joint order": ("positions and torques of {} are exchanged", "put in order", "rename the columns"),
-    "degrees": ("the position of {} is in degrees", "in radians", DEGREES),
+    "degrees": ("the position of {} is in degrees", "in radians", RADIANS),
     "revolutions": ("the position of {} is in revolutions", "in radians", TURNS),
     "millimetres": ("the position of {} is in millimetres", "in metres", METRES),
     "lag": ("the torque of {} is late or early", "shifted", "shift the column"),

@@ -32,6 +32,24 @@ MAX_TIME = 9e9  # [s] latest time; int64 holds it in nanoseconds
 ANY = "x"  # a joint without a name
 
 
+class Files(NamedTuple):
+    """Files of one log."""
+
+    paths: tuple[str | Path, ...]
+    offsets: Mapping[str, float] = {}  # [s] that are added to the times of a file, by its path or name
+    align: bool = False  # whether offsets of clocks that overlap are estimated and removed
+
+
+class JoinedFile(NamedTuple):
+    """A file that was joined to the first, and its clock."""
+
+    path: str
+    sha256: str
+    offset: float  # [s] that was added to its times
+    estimate: float | None  # [s] offset that its columns show
+    std: float | None  # [s] of the estimate
+
+
 class Joined(NamedTuple):
     """An opened source, and what joining its files found; a single source is as it was opened."""
 
@@ -59,9 +77,9 @@ def open_files(source: Source | Files, topics: Sequence[str], mapping: ParsedCol
         return Joined(open_source(source.paths[0], topics, mapping.heading), mapping)
     notes: list[str] = []
     flags: list[str] = []
-    timed = in_one_unit([read_times(each, mapping, notes) for each in _opened(source, topics, mapping)], notes)
+    timed = in_one_unit([read_times(opened, mapping, notes) for opened in _opened(source, topics, mapping)], notes)
     named = name_columns(timed, mapping, notes)
-    base = next((k for k, own in enumerate(named) if any(each.kind == "q" for each in own)), 0)
+    base = next((k for k, columns in enumerate(named) if any(column.kind == "q" for column in columns)), 0)
     order = [base, *(k for k in range(len(timed)) if k != base)]
     parts = [_part(timed[k], named[k]) for k in order]
     offsets = _stated(source, [part.file for part in parts])
@@ -234,46 +252,26 @@ def _table(
     if count < MIN_JOINED_SHARE * len(base.file.t):
         flags.append(f"{base.file.name}: only {count} of its {len(base.file.t)} rows lie within the times of all files")
     for part in parts[1:]:  # a gap of the other file, or a missing value
-        own = [columns[column.name] for column in part.named if column.name in columns]
-        lacking = int(np.isnan(own).any(axis=0).sum()) if own else 0
+        values = [columns[column.name] for column in part.named if column.name in columns]
+        lacking = int(np.isnan(values).any(axis=0).sum()) if values else 0
         notes += [f"{part.file.name}: {lacking} joined rows lack a value of it"] if lacking else []
-    about = [About.of(each.table) for each in opened]
-    unstated = {
-        each.name for part in parts for each in part.named if each.column in About.of(part.file.opened.table).unstated
-    }
+    about = [About.of(file.table) for file in opened]
+    pairs = [(column, known) for part, known in zip(parts, about, strict=True) for column in part.named]
     merged = About(
-        tuple(dict.fromkeys([*(note for each in about for note in each.notes), *notes])),
-        frozenset(unstated),
-        tuple(topic for each in about for topic in each.topics),
+        tuple(dict.fromkeys([*(note for known in about for note in known.notes), *notes])),
+        frozenset(column.name for column, known in pairs if column.column in known.unstated),
+        tuple(topic for known in about for topic in known.topics),
         about[0].clock,
     )
-    name = " + ".join(each.name for each in opened)
+    name = " + ".join(file.name for file in opened)
     unusable = {name: why for part in parts for name, why in part.unusable.items()}
     table = MemoryTable({"t": base.file.seconds[inside], **columns}, unusable, name, merged)
-    own = {key: each for key, each in mapping.own.items() if key != "t"}
+    own = {key: unit for key, unit in mapping.own.items() if key != "t"}
     units = {kind: unit for kind, unit in mapping.units.items() if kind != "t"}
     named = {key: column for key, column in mapping.named.items() if key != "t"}
     plain = mapping._replace(named=named, own=own, units=units)
     joined = Opened(table, name, opened[0].path, opened[0].sha256)
     return Joined(joined, plain, tuple(files), tuple(flags))
-
-
-class Files(NamedTuple):
-    """Files of one log."""
-
-    paths: tuple[str | Path, ...]
-    offsets: Mapping[str, float] = {}  # [s] that are added to the times of a file, by its path or name
-    align: bool = False  # whether offsets of clocks that overlap are estimated and removed
-
-
-class JoinedFile(NamedTuple):
-    """A file that was joined to the first, and its clock."""
-
-    path: str
-    sha256: str
-    offset: float  # [s] that was added to its times
-    estimate: float | None  # [s] offset that its columns show
-    std: float | None  # [s] of the estimate
 
 
 class Timed(NamedTuple):

@@ -6,7 +6,6 @@ from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from heapq import heappush, heapreplace
-from itertools import pairwise
 from math import log
 from typing import NamedTuple
 
@@ -155,8 +154,7 @@ def fit_even(stamps: Array, clock: Clock) -> EvenClock | None:
     if len(stamps) < MIN_CLOCK_ROWS:
         return None
     x = stamps - stamps[0]
-    ends = [0, *(np.flatnonzero(np.diff(x) > clock.gap) + 1).tolist(), len(x)]
-    parts = [x[low:high] for low, high in pairwise(ends)]
+    parts = np.split(x, np.flatnonzero(np.diff(x) > clock.gap) + 1)
     longest = max(parts, key=len)
     if len(longest) < MIN_CLOCK_ROWS:
         return None
@@ -222,8 +220,7 @@ def _spaced(stamps: Array, gap: float, most: float) -> tuple[Array, float] | Non
 
     stamps: (N,) [s] that do not decrease; `most` [s]: largest error of one.
     """
-    ends = [0, *(np.flatnonzero(np.diff(stamps) > gap) + 1).tolist(), len(stamps)]
-    parts = [stamps[low:high] - stamps[0] for low, high in pairwise(ends)]
+    parts = np.split(stamps - stamps[0], np.flatnonzero(np.diff(stamps) > gap) + 1)
     ticks = [np.arange(len(part), dtype=float) for part in parts]
     period = _common_period(parts, ticks) if len(parts) < len(stamps) / MIN_CLOCK_ROWS else 0.0
     fits = [fit for x, k in zip(parts, ticks, strict=True) if period > 0 and (fit := _smooth(x, k, period)) is not None]
