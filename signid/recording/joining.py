@@ -81,7 +81,7 @@ def open_files(source: Source | Files, topics: Sequence[str], mapping: ParsedCol
     named = name_columns(timed, mapping, notes)
     base = next((k for k, columns in enumerate(named) if any(column.kind == "q" for column in columns)), 0)
     order = [base, *(k for k in range(len(timed)) if k != base)]
-    parts = [_part(timed[k], named[k]) for k in order]
+    parts = [_Part.read(timed[k], named[k]) for k in order]
     offsets = _stated(source, [part.file for part in parts])
     files = [_aligned(parts, k, offsets, source.align, notes, flags) for k in range(1, len(parts))]
     for k, file in enumerate(files, 1):
@@ -94,6 +94,16 @@ class _Part(NamedTuple):
     columns: Mapping[str, Array]  # (N,) by joined name
     named: Sequence[NamedColumn]
     unusable: Mapping[str, str]
+
+    @classmethod
+    def read(cls, file: Timed, named: Sequence[NamedColumn]) -> _Part:
+        columns, unusable = {}, {}
+        for column in named:
+            try:
+                columns[column.name] = file.values(column.column)
+            except RecordingError:
+                unusable[column.name] = "holds no numbers"
+        return cls(file, columns, named, unusable)
 
     def moved(self, seconds: float) -> _Part:
         return self._replace(file=self.file._replace(t=self.file.t + round(seconds * 1e9)))
@@ -131,16 +141,6 @@ def _opened(source: Files, topics: Sequence[str], mapping: ParsedColumns) -> lis
         require_memory(path, 24.0 * opened.table.rows * len(opened.table.columns), "join shorter files")
         opened_files.append(opened)
     return opened_files
-
-
-def _part(file: Timed, named: Sequence[NamedColumn]) -> _Part:
-    columns, unusable = {}, {}
-    for column in named:
-        try:
-            columns[column.name] = file.values(column.column)
-        except RecordingError:
-            unusable[column.name] = "holds no numbers"
-    return _Part(file, columns, named, unusable)
 
 
 def _stated(source: Files, files: Sequence[Timed]) -> dict[int, float]:

@@ -44,6 +44,12 @@ class Layout:
     order: array[int] = field(default_factory=partial(array, "q"))  # index of arrival in the topic
     signals: dict[str, array[float]] = field(default_factory=dict)  # by kind, NaN where missing
 
+    def values(self, names: Sequence[str], kind: str, joint: str) -> Array:
+        """Values (N,) [unit of the kind] of one of the joints, reading by reading."""
+        if kind not in self.signals:
+            return np.full(len(self.order), np.nan)
+        return np.frombuffer(self.signals[kind]).reshape(-1, len(names))[:, names.index(joint)]
+
 
 class Gather:
     """Collector of the messages of one topic."""
@@ -243,7 +249,7 @@ def _streams(gather: Gather, by_header: bool, only_plans: bool, notes: list[str]
         columns = {}
         for kind in dict.fromkeys(chain.from_iterable(layout.signals for _, layout in parts)):
             for joint in joints:
-                values = np.concatenate([_values(names, layout, kind, joint) for names, layout in parts])[rows]
+                values = np.concatenate([layout.values(names, kind, joint) for names, layout in parts])[rows]
                 name = f"{kind}_{joint}" if only_plans or not gather.plans else f"q_des_{joint}" if kind == "q" else ""
                 if name and (np.isnan(values).all() or (kind != "q" and not np.nan_to_num(values).any())):
                     lacking.setdefault(kind, []).append(joint)
@@ -255,12 +261,6 @@ def _streams(gather: Gather, by_header: bool, only_plans: bool, notes: list[str]
             continue
         what = "effort" if kind == "tau" else WORDS.get(kind, kind)
         notes.append(f"{gather.topic}: {what} of {shorten(joints)} is NaN or zero throughout: omitted")
-
-
-def _values(names: Sequence[str], layout: Layout, kind: str, joint: str) -> Array:
-    if kind not in layout.signals:
-        return np.full(len(layout.order), np.nan)
-    return np.frombuffer(layout.signals[kind]).reshape(-1, len(names))[:, names.index(joint)]
 
 
 def _in_order(
