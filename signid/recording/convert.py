@@ -108,7 +108,7 @@ def convert(
     kept = {name: values for name, values in kept.items() if name not in strange}
     if drop_missing:
         needed = [np.isnan(x) for name, x in kept.items() if _kind(name) in ("t", "q", *TORQUES)]
-        lacks = np.any([empty for empty in needed if not empty.all()] or [[False]], axis=0)
+        lacks = np.any([empty for empty in needed if not empty.all()] or [np.zeros(1, bool)], axis=0)
         if lacks.any():
             kept = {name: values[~lacks] for name, values in kept.items()}
             rows = f"{int(lacks.sum())} of {len(lacks)} rows"

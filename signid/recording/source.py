@@ -71,10 +71,10 @@ def open_source(source: Source, topics: Sequence[str] = (), heading: Heading | N
     path = Path(source)
     if not path.is_file() and not path.is_dir():
         raise RecordingError(f"recording {path} does not exist; expected a file of samples")
-    form, name, plain = find_format(path), readable(str(path)), stated == Heading()
-    if topics and not plain:
+    form, name, usual = find_format(path), readable(str(path)), stated == Heading()
+    if topics and not usual:
         raise OptionError(f"{path} has topics, so it has neither lines before a header nor columns without names")
-    table = form.select(path, topics) if plain else form.open_headed(path, stated)
+    table = form.select(path, topics) if usual else form.open_headed(path, stated)
     return Opened(_whole_stamps(table), name, name, digest_of(path))
 
 
