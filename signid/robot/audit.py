@@ -11,7 +11,7 @@ import numpy as np
 
 from ..errors import shorten
 from ..types import Array, Mask, Robot
-from .description.document import CONDITION_TEXTS, children, inertial_fault, local, parse
+from .document import CONDITION_TEXTS, children, inertial_fault, local, parse
 
 THOUSAND = 1e3  # g in a kg, mm in a m
 INERTIA_UNITS = {1e3: "g.m2", 1e4: "kg.cm2", 1e6: "kg.mm2", 1e7: "g.cm2", 1e9: "g.mm2"}  # per kg.m2

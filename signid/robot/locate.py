@@ -12,7 +12,7 @@ from pathlib import Path
 from urllib.parse import unquote
 
 from ..errors import RobotError, shorten
-from .description.sandbox import may_read
+from .sandbox import may_read
 
 _DATA_FOLDER = "example-robot-data"
 _PACKAGE_SCHEMES, _FILE_SCHEME = ("package://", "model://"), "file://"

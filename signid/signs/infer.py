@@ -10,22 +10,19 @@ import numpy as np
 
 from ..regression.rows import Task
 from ..types import Array, Frozen
+from .branch_and_bound import PhysicalCone, cone_inequalities
+from .exact import RivalSigns, SignSolution, enumerate_near, search_signs
 from .observations import Observations, Segment, runs_between_minima, split_by_signs, split_impure, threshold_runs
-from .result import SignProof
+from .problem import KnownRows, SignProblem, build_sign_problem, friction_patterns, known_rows, signed_rows
+from .result import CERTAIN_CONFIDENCE, SignProof
 from .samples import RefinedSigns, refine_signs
-from .search.branch_and_bound import PhysicalCone, cone_inequalities
-from .search.exact import RivalSigns, SignSolution, enumerate_near, search_signs
-from .search.problem import KnownRows, SignProblem, build_sign_problem, friction_patterns, known_rows, signed_rows
-from .thresholds import (
-    CERTAIN_CONFIDENCE,
-    MAX_RESIDUAL_KAPPA,
-    MAX_RESIDUAL_SHARE,
-    MAX_SPLITS,
-    NOISE_FLOOR,
-    RECHECK_ROUNDS,
-    RIVAL_WINDOW,
-)
 
+MAX_SPLITS = 3  # [rounds] of search and splitting; heuristic
+RIVAL_WINDOW = 24.0  # [squared standard deviations] of excess loss: a rival beyond it weighs less than exp(-12) = 6e-6
+NOISE_FLOOR = 1e-3  # [rms torque] smallest residual that the posterior assumes; heuristic
+RECHECK_ROUNDS = 2  # [rounds] of the search in variance units; heuristic
+MAX_RESIDUAL_SHARE = 0.15  # [rms torque] rms residual of a model that lacks physics; heuristic
+MAX_RESIDUAL_KAPPA = 3.0  # [samples per independent one] of a systematic residual; white noise has 1, logs had 3 to 40
 MIN_AUTOCORRELATION = 0.05  # [1] autocorrelation from which later lags are ignored; tuned on logs and simulations
 MIN_PAIR_SHARE = 0.1  # [share of the samples] smallest number of pairs that estimates a correlation; heuristic
 MIN_PART_SAMPLES = 2  # [samples] of a part of a run; a single sample has no confidence of its own

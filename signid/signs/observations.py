@@ -16,24 +16,24 @@ from ..regression.motion import Motion, base_rows, build_motion, margin
 from ..regression.rows import Task, away_from_reversals
 from ..regression.session import Part
 from ..types import Array, Frozen, Indices, Mask, Samples, prismatic_unit
-from .thresholds import (
-    CUTOFF_SAMPLES,
-    JUMP_TORQUE,
-    MAX_GRID_SAMPLES,
-    MIN_GRID_RATE,
-    MINIMUM_CEILING,
-    MINIMUM_FLOOR,
-    MOVING_SHARE,
-    POSITION_BANDWIDTH,
-    REST_DURATION,
-    SEGMENT_COVERAGE,
-    SEGMENT_DURATION,
-    SEGMENT_QUANTILE,
-    SEGMENT_SAMPLES,
-    SPLIT_DEVIATIONS,
-    SPLIT_SAMPLES,
-)
 
+CUTOFF_SAMPLES = 8.0  # [samples per period of the cut-off] density of the grid; heuristic
+MIN_GRID_RATE = 100.0  # [Hz]; logs: one UR10e recording had impure segments at 47 Hz, none at 94 Hz
+MAX_GRID_SAMPLES = 20_000  # [samples] of all recordings; longer ones are thinned further; heuristic: memory, time
+POSITION_BANDWIDTH = 2.0  # [cut-offs] positions pass up to here: less than in a fit, since torque stays unfiltered and
+# encoder noise in the acceleration hides small torques; heuristic
+SEGMENT_QUANTILE = 0.1  # [1] of |torque| in motion: samples below it belong to no segment; logs: at 0.1 all segments of
+# 7 of 8 recordings were pure; at 0.05 up to 5 segments of a recording were impure, at 0.02 up to 14
+SEGMENT_DURATION = 0.2  # [s] shortest segment; logs: 20 samples at 100 Hz
+SEGMENT_SAMPLES = 5  # [samples] shortest segment, if longer ones would leave out too much torque; logs, as above
+SEGMENT_COVERAGE = 0.5  # [1] share of the samples above the threshold that segments must hold; heuristic
+REST_DURATION = 0.1  # [s] without certain motion after which a joint counts as at rest; heuristic
+MOVING_SHARE = 0.1  # [1] of the samples: a joint that moves in fewer is reported as resting; heuristic
+MINIMUM_CEILING = 0.5  # [rms torque] local minima of |torque| below it are cut; logs: impurity <= 0.1 % of the samples
+MINIMUM_FLOOR = 0.02  # [rms torque] samples below it belong to no segment between minima; logs, as above
+SPLIT_DEVIATIONS = 3.0  # [standard deviations of the residual] of a model torque whose sign is clear; heuristic
+SPLIT_SAMPLES = 3  # [samples] a run of clear signs must be longer to split a segment; heuristic
+JUMP_TORQUE = 0.15  # [rms torque] where |torque| stays above it the torque jumped past zero; heuristic
 MAX_WINDOW_SAMPLES = 8192  # [samples] of a recording processed at a time; bounds memory
 
 

@@ -14,29 +14,23 @@ from ..recording.sampling import time_origin
 from ..regression.factors import Factors
 from ..regression.session import Options, Part, Session, prepare, rearrange
 from ..types import BaseMap, Estimate, Indices, Progress, Recording, Robot
-from .infer import InferredSigns, infer
+from .branch_and_bound import OFFSET_LIMIT
+from .exact import ascend
+from .infer import MAX_RESIDUAL_KAPPA, MAX_RESIDUAL_SHARE, RIVAL_WINDOW, InferredSigns, infer
 from .observations import Observations, observe, thinning
+from .problem import friction_patterns
 from .result import Signs, SignSegment, Trace
-from .rows_of_file import signs_of_rows
-from .samples import RefinedSigns, expect_signs, place_jumps, refine_signs
-from .search.exact import ascend
-from .search.problem import friction_patterns
-from .thresholds import (
-    FLIP_PROBABILITY,
-    IMPURE_SHARE,
-    MAX_RESIDUAL_KAPPA,
-    MAX_RESIDUAL_SHARE,
-    MAX_RESOLUTION_STEP,
-    MAX_ROUND_CHANGE,
-    MIN_BODY_TORQUE,
-    NEAR_OFFSET_LIMIT,
-    OFFSET_DEVIATIONS,
-    OFFSET_LIMIT,
-    RIVAL_WINDOW,
-)
+from .samples import RefinedSigns, expect_signs, place_jumps, refine_signs, signs_of_rows
 from .torque_constants import TorqueConstants, constant_sensitivity, find_gains
 from .tree import by_tree
 
+FLIP_PROBABILITY = 1e-3  # [1] that all signs of a joint are inverted; the complement of CERTAIN_CONFIDENCE
+NEAR_OFFSET_LIMIT = 0.95  # [OFFSET_LIMIT] an offset so close to its limit may be friction of the wrong sign; heuristic
+OFFSET_DEVIATIONS = 2.0  # [standard deviations] by which an offset must exceed that; about 95 % of a normal law
+MIN_BODY_TORQUE = 0.02  # [rms torque] standard deviation of the rigid-body torque that noise hides; heuristic
+MAX_RESOLUTION_STEP = 0.15  # [rms torque] resolution; simulations: 98 % of the segments right at 0.1, 84 % at 0.3
+IMPURE_SHARE = 0.1  # [1] of a joint's segments in which torque changed its sign; heuristic
+MAX_ROUND_CHANGE = 1e-3  # [1] relative change of the parameters in the last round of refinement; heuristic
 SIGN_METHODS = ("exact", "tree")
 
 

@@ -32,9 +32,10 @@ from ..types import (
 from .infer import infer
 from .observations import Observations, observe
 from .result import Gain, Signs
-from .rows_of_file import signs_of_rows
-from .thresholds import INERTIAL_ERROR, MAX_CONSTANT_STD
+from .samples import signs_of_rows
 
+INERTIAL_ERROR = 0.2  # [1] relative standard deviation of a link's stated mass, first moment and inertia; heuristic
+MAX_CONSTANT_STD = 0.5  # [1] relative standard deviation from which a constant counts as unknown; heuristic
 START_GRID = np.geomspace(1e-4, 1e4, 81)  # [median ratio of the shared columns] values of 1/K tried as start; heuristic
 MIN_SHARED_ENTRY = 1e-12  # [largest entry of the Gram matrix] of columns that joints share
 GRAM_RIDGE = 1e-9  # [unit diagonal of a Gram matrix] regularisation

@@ -11,16 +11,15 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import OptionError
-from ..estimation.pbrp import Bounds, bounds_around
-from ..estimation.pbrp.cost import PenaltyCost, check_box, cost_over, descend, physics_of
+from ..estimation.pbrp import Bounds, PenaltyCost, bounds_around, check_box, cost_over, descend, physics_of
 from ..model import stated_parameters
 from ..optimisers import Optimum
 from ..regression.rows import Task
 from ..types import Array, BaseMap, Estimate, Frozen, Indices, Parameters, Progress
 from .infer import ChooseSigns, SignChoice
 from .observations import Segment
+from .problem import SignProblem, certify
 from .result import SignProof
-from .search.problem import SignProblem, certify
 
 ORDER_ROUNDING = 1e-14  # [largest eigenvalue of a Gram matrix] smaller eigenvalues are rounding errors
 MAX_CONDITION = 1000.0  # [1] condition number of a well-conditioned first set; heuristic

@@ -22,7 +22,7 @@ from ...simulation.plant.control import LOOP_BANDWIDTH, Plan, sampled
 from ...types import Array, Estimate, Frozen, Mask, Samples, Trajectory
 from ..feasible import fit_consistent
 from ..least_squares import estimate
-from .base import Estimator, Given, part_of
+from . import Estimator, Given, part_of
 
 MIN_CONTROLLER_SHARE = 0.5  # [1] of the torque variance that an estimated controller explains, else a default is used
 MIN_LOOP_FREQUENCY, MAX_LOOP_FREQUENCY = 2 * np.pi * 0.5, 2 * np.pi * 30.0  # [rad/s] natural, of a position loop

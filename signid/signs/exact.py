@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...deadline import show_step, time_is_up
-from ...types import Array, Frozen, Indices
-from ..result import SignProof
+from ..deadline import show_step, time_is_up
+from ..types import Array, Frozen, Indices
 from .branch_and_bound import BUDGET, LOSS_ROUNDING, SIGN_SEARCH, Incumbent, PhysicalCone, TreeBudget, bounds, branch
 from .problem import SignProblem, certify
+from .result import SignProof
 
 CLIMB_STARTS = 150  # logs: a single start reaches the optimum in 2 to 60 % of the cases
 START_VECTORS = 3  # leading singular vectors of B, and of B with unit columns, used as starts; heuristic

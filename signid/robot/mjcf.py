@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ...errors import RobotError, shorten
+from ..errors import RobotError, shorten
 from . import sandbox
 from .document import (
     Axis,

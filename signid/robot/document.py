@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...errors import CONTROL, RobotError, one_line, readable, shorten
+from ..errors import CONTROL, RobotError, one_line, readable, shorten
 from . import sandbox
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from ...errors import RobotError, shorten
+from ..errors import RobotError, shorten
 from .document import MAX_FILE_BYTES, bounded, check_count, not_negative, parse, read_bytes
 from .sandbox import may_read
 

@@ -8,14 +8,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...deadline import time_is_up
-from ...regression.motion import Motion, base_rows
-from ...regression.rows import Task
-from ...types import Array, Frozen, Indices
-from ..observations import Observations, law_coefficients
-from ..thresholds import OFFSET_LIMIT
+from ..deadline import time_is_up
+from ..regression.motion import Motion, base_rows
+from ..regression.rows import Task
+from ..types import Array, Frozen, Indices
+from .observations import Observations, law_coefficients
 from .problem import SignProblem
 
+OFFSET_LIMIT = 2.0  # [Coulomb friction] largest |offset|; logs: 0 to 0.8 with true signs, above 1e5 if the signs of a
+# joint follow an offset instead of friction
 KINETIC_POSES = 15  # configurations at which kinetic energy must be positive; logs: enough for Panda and UR10e
 KINETIC_VELOCITIES = 4  # random joint velocities per configuration, beside those of each joint alone; as KINETIC_POSES
 ZERO_ROW_LENGTH = 1e-9  # [sum of the absolute values of its terms] length of a row that is zero but for rounding
