@@ -90,7 +90,10 @@ def judge_excitation(task: Task, factors: Factors, estimated: Estimate, seed: in
     directions = np.linalg.solve(root.T, vectors)
     torque = np.array([np.sqrt(f.whole[-1, -1] / max(f.rows, 1)) for f in factors.joints])
     prior = _prior_sizes(robot, base, torque, speed)
-    weak = [_leading_indices(directions[:, k] / size / prior) for k in np.flatnonzero(shares < MIN_INFO)]
+    weak = []  # the leading base parameters of each weak direction, three at most
+    for direction in (directions[:, k] / size / prior for k in np.flatnonzero(shares < MIN_INFO)):
+        order = np.argsort(-np.abs(direction))[:3]
+        weak.append([int(i) for i in order if abs(direction[i]) > 0.1 * abs(direction[order[0]])])
     uncertain = estimated.std > prior
     resting = np.flatnonzero((speed <= MAX_REST * speed.max(initial=1e-300)) & (speed.max() > 0))
     return ExcitationVerdict(
@@ -137,11 +140,6 @@ def _random_information(
         seen = task.seen(j)
         out[np.ix_(seen, seen)] += weight[j] * factors.joints[j].rows / RANDOM_STATES * x.T @ x
     return out
-
-
-def _leading_indices(direction: Array, count: int = 3) -> tuple[int, ...]:
-    order = np.argsort(-np.abs(direction))[:count]
-    return tuple(int(i) for i in order if abs(direction[i]) > 0.1 * abs(direction[order[0]]))
 
 
 def _in_words(robot: Robot, base: BaseMap, which: Iterable[int]) -> tuple[str, ...]:

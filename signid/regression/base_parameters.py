@@ -13,9 +13,7 @@ import pinocchio as pin
 from ..frozen import Frozen
 from ..parameters import INERTIAL
 from ..types import Array, BaseMap, Label, Law, Robot
-from .factors import Factors
 from .motion import Motion, labels, regressor
-from .rows import Task
 
 RANK_TOLERANCE = 1e-5  # [1] smallest singular value that counts, over the largest, columns scaled
 KEEP_TOLERANCE = 1e-5  # [1] smallest share of an independent column that is orthogonal to the columns kept
@@ -28,7 +26,6 @@ EIGENVALUE_DIGITS = 2  # significant digits of the smallest eigenvalue after rou
 TERM_DIGITS = 10  # significant digits of a coefficient of a base parameter
 MAX_INDEFINITENESS = 1e-3  # [1] of a negative eigenvalue of the correlation matrix, per row: rounding
 _INERTIAL_LABEL = re.compile(rf"(?:{'|'.join(INERTIAL)})_(\d+)")
-MISFIT_DIGITS = 4  # significant digits of a misfit in a file
 
 
 def build_base(
@@ -43,7 +40,10 @@ def build_base(
     Source: Gautier, Khalil, IEEE T-RA 6(3), 1990; numerically as Gautier, J. Robotic Systems 8(4), 1991.
     """
     snapped, names = _snap_rotations(robot), labels(robot, laws)
-    states = _random_motion(snapped, len(names), seed)
+    rng, n = np.random.default_rng(seed), len(snapped.joints)
+    count = max(20, 3 * len(names) // n + 5)
+    q, v, a = rng.uniform(-np.pi, np.pi, (count, n)), *rng.standard_normal((2, count, n))
+    states = Motion(snapped, np.arange(count, dtype=np.float64), np.asarray(q), v, a)
     if static:
         states = replace(states, v=REST_VELOCITY_SHARE * states.v, a=0 * states.a)
     known = np.ones(len(robot.joints), dtype=bool) if measured is None else np.array(measured, dtype=bool)
@@ -67,13 +67,6 @@ def build_base(
         singular_values=np.pad(singular, (0, len(names) - len(singular))),
         condition=float(np.linalg.cond(compact[:, kept])) if kept else 1.0,
     )
-
-
-def _random_motion(robot: Robot, parameters: int, seed: int) -> Motion:
-    rng, n = np.random.default_rng(seed), len(robot.joints)
-    count = max(20, 3 * parameters // n + 5)
-    q, v, a = rng.uniform(-np.pi, np.pi, (count, n)), *rng.standard_normal((2, count, n))
-    return Motion(robot, np.arange(count, dtype=np.float64), np.asarray(q), v, a)
 
 
 def _independent_columns(compact: Array, order: Sequence[int], rank: int) -> list[int]:
@@ -108,20 +101,15 @@ def _base_combination(compact: Array, kept: list[int], scale: Array) -> Array:
 def _preference(robot: Robot, names: Sequence[Label]) -> list[int]:
     order = []
     for body in range(len(robot.links)):
-        axis = {0: 4, 1: 6, 2: 9}[_joint_axis(robot, body)]
+        data = robot.model.createData()
+        joint, where = robot.model.joints[body + 1], pin.neutral(robot.model)
+        pin.computeJointJacobians(robot.model, data, where)
+        jacobian = np.reshape(pin.getJointJacobian(robot.model, data, body + 1, pin.LOCAL), (6, robot.model.nv))
+        turn = jacobian[3:, joint.idx_v]  # joint axis of the body in its own frame
+        axis = (4, 6, 9)[int(np.argmax(np.abs(turn))) if np.any(turn) else 2]
         inertias = [axis, *(k for k in (9, 4, 5, 7, 8, 6) if k != axis)]
         order += [10 * body + k for k in (*inertias[:-1], 1, 2, 3, inertias[-1], 0)]
     return [*order, *range(len(order), len(names))]
-
-
-def _joint_axis(robot: Robot, body: int) -> int:
-    """Index (0, 1 or 2) of the joint axis of a body in the body's own frame."""
-    data = robot.model.createData()
-    joint, where = robot.model.joints[body + 1], pin.neutral(robot.model)
-    pin.computeJointJacobians(robot.model, data, where)
-    jacobian = np.reshape(pin.getJointJacobian(robot.model, data, body + 1, pin.LOCAL), (6, robot.model.nv))
-    motion = jacobian[3:, joint.idx_v]
-    return int(np.argmax(np.abs(motion))) if np.any(motion) else 2
 
 
 def _formula(row: Array, lead: int, names: Sequence[Label]) -> str:
@@ -171,7 +159,7 @@ class Covariance(Frozen):
     def document(self) -> dict[str, Any]:
         """JSON object for model.json, with enough digits to stay positive definite; null stands for infinity."""
         terms = [
-            {self.labels[k]: _round_digits(row[k], TERM_DIGITS) for k in map(int, np.flatnonzero(row))}
+            {self.labels[k]: round_digits(row[k], TERM_DIGITS) for k in map(int, np.flatnonzero(row))}
             for row in self.combination
         ]
         return {
@@ -185,7 +173,7 @@ class Covariance(Frozen):
 def lower_triangle(matrix: Array) -> list[float | None]:
     """Lower triangle, row by row, of a covariance matrix: (b, b) [its units], rounded yet definite; null: infinity."""
     lower, digits = matrix[np.tril_indices(len(matrix))], _needed_digits(matrix)
-    return [_round_digits(x, digits) if np.isfinite(x) else None for x in lower]
+    return [round_digits(x, digits) if np.isfinite(x) else None for x in lower]
 
 
 def base_covariance(base: BaseMap, values: Array, matrix: Array) -> Covariance:
@@ -220,7 +208,11 @@ def read_covariance(content: Mapping[str, Any], bodies: int) -> Covariance:
             f"{b} names need {b} values, {b} terms and {b * (b + 1) // 2} numbers in lower_triangle; "
             f"it has {len(values)}, {len(terms)} and {len(lower)}"
         )
-    labels = _labels(terms, bodies)
+    own = [f"{name}_{body + 1}" for body in range(bodies) for name in INERTIAL]
+    labels = tuple(dict.fromkeys([*own, *(name for entry in terms for name in entry)]))
+    if beyond := [name for name in labels[len(own) :] if _INERTIAL_LABEL.fullmatch(name)]:
+        raise ValueError(f"its terms name {beyond[0]}, and the robot has {bodies} bodies")
+    labels = labels
     place = {name: k for k, name in enumerate(labels)}
     combination = np.zeros((b, len(labels)))
     for row, entry in zip(combination, terms, strict=True):
@@ -228,14 +220,6 @@ def read_covariance(content: Mapping[str, Any], bodies: int) -> Covariance:
     if not (np.all(np.isfinite(values)) and np.all(np.isfinite(combination))):
         raise ValueError("a value or a coefficient of a term is no finite number")
     return Covariance(labels, expressions, combination, values, from_lower_triangle(lower, b))
-
-
-def _labels(terms: Sequence[Mapping[str, float]], bodies: int) -> tuple[str, ...]:
-    own = [f"{name}_{body + 1}" for body in range(bodies) for name in INERTIAL]
-    labels = tuple(dict.fromkeys([*own, *(name for entry in terms for name in entry)]))
-    if beyond := [name for name in labels[len(own) :] if _INERTIAL_LABEL.fullmatch(name)]:
-        raise ValueError(f"its terms name {beyond[0]}, and the robot has {bodies} bodies")
-    return labels
 
 
 def from_lower_triangle(lower: Array, b: int) -> Array:
@@ -274,48 +258,6 @@ def _needed_digits(matrix: Array) -> int:
     return int(np.clip(np.ceil(-np.log10(max(smallest, 1e-300))) + EIGENVALUE_DIGITS, MIN_VARIANCE_DIGITS, 15))
 
 
-def _round_digits(x: float, digits: int) -> float:
+def round_digits(x: float, digits: int) -> float:
+    """The number with some significant digits."""
     return float(f"{x:.{digits}g}")
-
-
-@dataclass(frozen=True, eq=False)
-class Misfit(Frozen):
-    """Size and correlation of what the laws of a model leave of the torque of n joints."""
-
-    size: Array  # (n,) [N.m or N] rms; NaN where torque was not held out
-    length: Array  # (n,) [s] time over which it counts as one observation of a torque that is correlated as long
-    cutoff: float  # [Hz] of the rows that it was measured on
-
-    def document(self, joints: Sequence[str]) -> dict[str, Any]:
-        """JSON object for model.json, without joints of unknown misfit."""
-        each = zip(joints, self.size.tolist(), self.length.tolist(), strict=True)
-        own = {
-            name: {"rms": _round_digits(rms, MISFIT_DIGITS), "length": _round_digits(s, MISFIT_DIGITS)}
-            for name, rms, s in each
-            if np.isfinite(rms)
-        }
-        return {"cutoff": _round_digits(self.cutoff, MISFIT_DIGITS), "joints": own}
-
-
-def measure_misfit(task: Task, test: Factors, value: Array) -> Misfit:
-    """Misfit of base parameters `value` (b,) [units of base] on held-out rows, from factors alone."""
-    period, n = task.band.factor / task.band.rate, len(test.joints)
-    size, length = np.full(n, np.nan), np.full(n, np.nan)
-    for j, (joint, columns) in enumerate(zip(test.joints, test.columns, strict=True)):
-        if joint.counts[0]:
-            c = np.append(-value[columns], 1.0)
-            own = joint.grams[:, -len(c) :, -len(c) :]
-            power = np.einsum("i,dij,j->d", c, own, c) / np.maximum(joint.counts, 1)  # autocovariance of the residual
-            size[j], length[j] = np.sqrt(max(power[0], 0.0)), period
-            if power[0] > 0:  # rows that count as one against a torque that is correlated as long
-                length[j] *= 1 + 2 * np.sum(np.clip(power[1:] / power[0], -1, 1) ** 2)
-    return Misfit(size, length, task.band.cutoff)
-
-
-def read_misfit(content: Mapping[str, Any] | None, joints: Sequence[str]) -> Misfit | None:
-    """Misfit in the content of a model.json, the object of `Misfit.document`; None if it has none."""
-    if content is None:
-        return None
-    own = [content["joints"].get(name, {"rms": np.nan, "length": np.nan}) for name in joints]
-    size, length = (np.array([float(each[key]) for each in own]) for key in ("rms", "length"))
-    return Misfit(size, length, float(content["cutoff"]))

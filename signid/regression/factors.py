@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import reduce as fold
 from typing import Any, NamedTuple, Protocol
@@ -13,6 +13,7 @@ import numpy as np
 from ..effects import EFFECT_NAMES, EFFECTS
 from ..effects.law import law_columns
 from ..types import Array, Effect, Frozen, Indices, Law, Mask, Parameters
+from .base_parameters import round_digits
 from .motion import Motion
 from .projection import least_squares
 from .rows import Rows, Task
@@ -43,6 +44,7 @@ SINGLE_JOINT_LAWS = (  # laws of single joints that are linear
     *("asymmetric_friction", "quadratic_friction", "load_friction", "spring", "cable_torque", "counterbalance"),
 )
 VARIABLE_WORDS = {"load": "torque", "a": "acceleration", "q": "position", "v": "velocity", "t": "time"}
+MISFIT_DIGITS = 4  # significant digits of a misfit in a file
 
 
 @dataclass(frozen=True, eq=False)
@@ -420,3 +422,46 @@ def _try_laws(
             spared = 1 - change(base) / moved if moved > 0 and left.sum() <= old.sum() else 0.0
             trials.append(_Trial(effect, joint, explained, spared))
     return trials, moved > MAX_BODY_CHANGE
+
+
+@dataclass(frozen=True, eq=False)
+class Misfit(Frozen):
+    """Size and correlation of what the laws of a model leave of the torque of n joints."""
+
+    size: Array  # (n,) [N.m or N] rms; NaN where torque was not held out
+    length: Array  # (n,) [s] time over which it counts as one observation of a torque that is correlated as long
+    cutoff: float  # [Hz] of the rows that it was measured on
+
+    def document(self, joints: Sequence[str]) -> dict[str, Any]:
+        """JSON object for model.json, without joints of unknown misfit."""
+        each = zip(joints, self.size.tolist(), self.length.tolist(), strict=True)
+        own = {
+            name: {"rms": round_digits(rms, MISFIT_DIGITS), "length": round_digits(s, MISFIT_DIGITS)}
+            for name, rms, s in each
+            if np.isfinite(rms)
+        }
+        return {"cutoff": round_digits(self.cutoff, MISFIT_DIGITS), "joints": own}
+
+
+def measure_misfit(task: Task, test: Factors, value: Array) -> Misfit:
+    """Misfit of base parameters `value` (b,) [units of base] on held-out rows, from factors alone."""
+    period, n = task.band.factor / task.band.rate, len(test.joints)
+    size, length = np.full(n, np.nan), np.full(n, np.nan)
+    for j, (joint, columns) in enumerate(zip(test.joints, test.columns, strict=True)):
+        if joint.counts[0]:
+            c = np.append(-value[columns], 1.0)
+            own = joint.grams[:, -len(c) :, -len(c) :]
+            power = np.einsum("i,dij,j->d", c, own, c) / np.maximum(joint.counts, 1)  # autocovariance of the residual
+            size[j], length[j] = np.sqrt(max(power[0], 0.0)), period
+            if power[0] > 0:  # rows that count as one against a torque that is correlated as long
+                length[j] *= 1 + 2 * np.sum(np.clip(power[1:] / power[0], -1, 1) ** 2)
+    return Misfit(size, length, task.band.cutoff)
+
+
+def read_misfit(content: Mapping[str, Any] | None, joints: Sequence[str]) -> Misfit | None:
+    """Misfit in the content of a model.json, the object of `Misfit.document`; None if it has none."""
+    if content is None:
+        return None
+    own = [content["joints"].get(name, {"rms": np.nan, "length": np.nan}) for name in joints]
+    size, length = (np.array([float(each[key]) for each in own]) for key in ("rms", "length"))
+    return Misfit(size, length, float(content["cutoff"]))

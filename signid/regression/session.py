@@ -248,9 +248,15 @@ def _arrange(robot: Robot, given: tuple[Parts, Parts], options: Options, notes: 
     recorded = _use_recorded(robot, whole, band, options)
     desired = options.instruments and not recorded and all(_wholly(r, "q_des") for r, _ in whole)
     complete = desired and all(_complete(part, "q_des") for part in whole)
-    slow = _reversal_width(robot, [sampling for _, sampling in whole], band)
+    # width of a reversal (n,) [rad/s or m/s]: of the gear for revolute joints, of the encoder noise for all
+    speed = np.sqrt(np.mean([sampling.speed**2 for _, sampling in whole], axis=0))
+    gear = np.where(robot.prismatic, 0.0, np.minimum(REVERSAL_VELOCITY, REVERSAL_SHARE * speed))
+    slow = np.maximum(np.maximum(gear, band.velocity_noise), MIN_REVERSAL_VELOCITY)
     slow = np.full(len(slow), MIN_REVERSAL_VELOCITY) if static else slow
-    base, reach = build_base(robot, laws, options.seed, measured, static), _reach(robot, once, band, slow)
+    pieces = [(longest_piece(part, BAND_SAMPLES // 4), part[1].period) for part in once]
+    long = [(piece, period) for piece, period in pieces if len(piece.t) > 2 * margin(band) + 1]
+    base = build_base(robot, laws, options.seed, measured, static)
+    reach = choose_reach([build_motion(robot, piece, band, period) for piece, period in long], band, slow)
     task = Task(robot, laws, base, band, slow, reach, recorded, complete)
     said = [f"{r.path or 'recording'}: {note}" for r, sampling in whole for note in (*r.notes, *sampling.notes)]
     said += [SELF_EVALUATION_NOTE] * (train is test)
@@ -307,19 +313,6 @@ def _common_band(parts: Sequence[Part], options: Options) -> Band:
             f"longest stretch lasts {longest:.3g} s; raise the cut-off"
         )
     return choose_band([longest_piece(part) for part in parts], rate, options.cutoff)
-
-
-def _reversal_width(robot: Robot, surveys: Sequence[Sampling], band: Band) -> Array:
-    """(n,) [rad/s or m/s] width of a reversal: of the gear for revolute joints, of the encoder noise for all."""
-    speed = np.sqrt(np.mean([s.speed**2 for s in surveys], axis=0))
-    gear = np.where(robot.prismatic, 0.0, np.minimum(REVERSAL_VELOCITY, REVERSAL_SHARE * speed))
-    return np.maximum(np.maximum(gear, band.velocity_noise), MIN_REVERSAL_VELOCITY)
-
-
-def _reach(robot: Robot, parts: Sequence[Part], band: Band, slow: Array) -> tuple[int, ...]:
-    pieces = [(longest_piece(part, BAND_SAMPLES // 4), part[1].period) for part in parts]
-    long = [(piece, period) for piece, period in pieces if len(piece.t) > 2 * margin(band) + 1]
-    return choose_reach([build_motion(robot, piece, band, period) for piece, period in long], band, slow)
 
 
 def _check_linear(laws: Sequence[Law]) -> None:

@@ -128,7 +128,13 @@ def audit(robot: Robot) -> Audit:
             text = f"{fact} {unit or INERTIA_UNITS[factor]}; {advice}"
             found += _suspects(robot, factors == factor, what, factor, text)
     found += [*_inertia_suspects(robot, bodies, default), *(() if root is None else _joint_suspects(robot, root))]
-    return Audit(_corrected(robot, centre, mass, inertia), tuple(found))
+    if any((factors > 1).any() for factors in (centre, mass, inertia)):
+        model = robot.model.copy()
+        for k, body in enumerate(model.inertias[1:]):
+            body.inertia, body.mass, body.lever = body.inertia / inertia[k], body.mass / mass[k], body.lever / centre[k]
+            model.inertias[k + 1] = body
+        robot = replace(robot, model=model)
+    return Audit(robot, tuple(found))
 
 
 def _measure_bodies(robot: Robot, root: Any) -> _BodySizes:
@@ -243,14 +249,3 @@ def _joint_suspects(robot: Robot, root: Any) -> Iterator[Suspect]:
     if len(damping) == len(own) >= MIN_JOINTS and min(damping) == same > 0 and effort.max() >= DISPARITY * effort.min():
         text = f"all joints have the same damping of {same:g}, although their effort limits differ"
         yield from (Suspect(link, "damping", None, f"{text}: it is a default") for _, link, _ in own)
-
-
-def _corrected(robot: Robot, centre: Array, mass: Array, inertia: Array) -> Robot:
-    """Robot with its bodies divided by factors (nb,) [1] of their units; itself where all are one."""
-    if not any((factors > 1).any() for factors in (centre, mass, inertia)):
-        return robot
-    model = robot.model.copy()
-    for body, own in enumerate(model.inertias[1:]):
-        own.inertia, own.mass, own.lever = own.inertia / inertia[body], own.mass / mass[body], own.lever / centre[body]
-        model.inertias[body + 1] = own
-    return replace(robot, model=model)

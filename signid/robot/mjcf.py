@@ -99,7 +99,11 @@ def read_mjcf(document: Document) -> Draft:
         raise RobotError("the file has no moving joint (hinge or slide): nothing to identify")
     found, unnamed = _name_all(found)
     model, links, rows = _build(found)
-    mimics, curved = _mimics(found)
+    mimics: dict[str, Mimic] = {}  # linear constraints between two joints: q - ref = p0 + p1 (q2 - ref2)
+    linear = [tie for tie in found.ties if tie[1] >= 0 and not any(tie[2][2:])]
+    for follower, leader, (constant, scale, *_) in linear:
+        joint, leading = found.joints[follower], found.joints[leader]
+        mimics[joint.name] = Mimic(leading.name, scale, constant + joint.ref - scale * leading.ref)
     axes = [_mjcf_axis(joint, rows[i], mimics.get(joint.name)) for i, joint in enumerate(found.joints) if i in rows]
     name = root.get("model") or document.stem
     moved = dict(zip(links, list(model.inertias)[1:], strict=True))
@@ -113,7 +117,7 @@ def read_mjcf(document: Document) -> Draft:
         notes=(
             *unnamed,
             *source.notes,
-            *_mjcf_notes(found, curved + source.ignored),
+            *_mjcf_notes(found, len(found.ties) - len(linear) + source.ignored),
             *massless_note({name: body.mass for name, body in moved.items()}),
             *impossible_notes({name: (body.mass, body.inertia) for name, body in moved.items()}),
         ),
@@ -223,7 +227,9 @@ def _joint_model(axes: Sequence[_Joint], pose: pin.SE3) -> tuple[Any, pin.SE3]:
 
     whole, before = pin.JointModelComposite(), pose
     for joint in axes:
-        before = before * _offset(joint.pos) * _joint_motion(joint, -joint.ref)
+        shift = np.array(joint.axis) * -joint.ref  # back from the position of the file [rad or m]
+        motion = pin.SE3(np.eye(3), shift) if joint.kind == "slide" else pin.SE3(pin.exp3(shift), np.zeros(3))
+        before = before * _offset(joint.pos) * motion
         kind = "Revolute" if joint.kind == "hinge" else "Prismatic"
         letter = next((x for x, unit in zip("XYZ", np.eye(3), strict=True) if np.array_equal(unit, joint.axis)), "")
         unaligned = () if letter else (np.array(joint.axis),)
@@ -233,14 +239,6 @@ def _joint_model(axes: Sequence[_Joint], pose: pin.SE3) -> tuple[Any, pin.SE3]:
         whole.addJoint(one, before)
         before = _offset(joint.pos).inverse()
     return whole, pin.SE3.Identity()
-
-
-def _joint_motion(joint: _Joint, position: float) -> pin.SE3:
-    """Motion of a joint by a position [rad or m]."""
-    import pinocchio as pin
-
-    axis = np.array(joint.axis) * position
-    return pin.SE3(np.eye(3), axis) if joint.kind == "slide" else pin.SE3(pin.exp3(axis), np.zeros(3))
 
 
 def _offset(position: Sequence[float]) -> pin.SE3:
@@ -270,17 +268,6 @@ def _mjcf_axis(joint: _Joint, row: int, mimic: Mimic | None) -> Axis:
         spring=(joint.stiffness, joint.springref),
         mimic=mimic,
     )
-
-
-def _mimics(found: _Compiled) -> tuple[dict[str, Mimic], int]:
-    """Linear constraints between two joints, and the number of all others: q - ref = p0 + p1 (q2 - ref2)."""
-    linear: dict[str, Mimic] = {}
-    for one, other, (constant, scale, *higher) in found.ties:
-        if other >= 0 and not any(higher):
-            follower, leader = found.joints[one], found.joints[other]
-            offset = constant + follower.ref - scale * leader.ref
-            linear[follower.name] = Mimic(leader.name, scale, offset)
-    return linear, len(found.ties) - sum(other >= 0 and not any(p[2:]) for _, other, p in found.ties)
 
 
 def _mjcf_notes(found: _Compiled, constraints: int) -> Iterator[str]:

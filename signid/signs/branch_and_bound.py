@@ -42,7 +42,13 @@ def cone_inequalities(task: Task, observed: Observations, seed: int = 0) -> Arra
     """
     labels = [task.base.labels[k] for k in task.base.independent]
     positive = np.eye(task.base.rank)[[k for k in law_coefficients(task) if labels[k].positive]]
-    return np.concatenate([_energy_rows(task, observed, seed), positive, _offset_rows(task)])
+    rng, n = np.random.default_rng(seed), len(observed.joints)
+    rms = observed.rms
+    size = np.where(rms > 0, 1 / np.sqrt(np.where(rms > 0, rms, 1.0)), 0.0)  # similar kinetic energy of all joints
+    at = np.sort(rng.choice(len(observed), min(KINETIC_POSES, len(observed)), replace=False))
+    single, mixed = np.tile(np.diag(size), (len(at), 1)), rng.standard_normal((len(at) * KINETIC_VELOCITIES, n)) * size
+    q = np.concatenate([observed.q[at].repeat(n, axis=0), observed.q[at].repeat(KINETIC_VELOCITIES, axis=0)])
+    return np.concatenate([kinetic_rows(task, q, np.concatenate([single, mixed])), positive, _offset_rows(task)])
 
 
 def kinetic_rows(task: Task, q: Array, x: Array) -> Array:
@@ -59,16 +65,6 @@ def kinetic_rows(task: Task, q: Array, x: Array) -> Array:
     for j in range(n):
         rows[:, task.seen(j)] += x[:, j, None] * (pushed[j] - at_rest[j])
     return rows
-
-
-def _energy_rows(task: Task, observed: Observations, seed: int) -> Array:
-    rng, n = np.random.default_rng(seed), len(observed.joints)
-    rms = observed.rms
-    size = np.where(rms > 0, 1 / np.sqrt(np.where(rms > 0, rms, 1.0)), 0.0)  # similar kinetic energy of all joints
-    at = np.sort(rng.choice(len(observed), min(KINETIC_POSES, len(observed)), replace=False))
-    single, mixed = np.tile(np.diag(size), (len(at), 1)), rng.standard_normal((len(at) * KINETIC_VELOCITIES, n)) * size
-    q = np.concatenate([observed.q[at].repeat(n, axis=0), observed.q[at].repeat(KINETIC_VELOCITIES, axis=0)])
-    return kinetic_rows(task, q, np.concatenate([single, mixed]))
 
 
 def _offset_rows(task: Task) -> Array:

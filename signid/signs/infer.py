@@ -125,7 +125,13 @@ def recheck_signs(
         problem = build_sign_problem(search.observed, segments, weights, known)
         start = np.array([_majority_sign(refined, s) for s in segments] + [1.0] * (problem.count - len(segments)))
         cone = search.cone(problem)
-        solution = search.solve(problem, segments, start) if free else _unproved(problem, cone, start)
+        if free:
+            solution = search.solve(problem, segments, start)
+        else:  # the given signs, without proof
+            z = problem.coordinates(start)
+            squared, nearest = cone.distance(z)
+            loss, proof = problem.loss(start) + squared, SignProof(False, 1.0, 0)
+            solution = SignSolution(start, nearest, loss, proof, np.zeros((len(z), 0)))
         rivals = enumerate_near(problem, cone, solution, RIVAL_WINDOW)
         confidence = sign_confidence(problem, solution.signs, rivals)
         uncertain = {run for run in runs if _is_uncertain(run, segments, confidence)}
@@ -159,13 +165,6 @@ def _is_uncertain(run: Segment, segments: Sequence[Segment], confidence: Array) 
 
 def _contains(run: Segment, part: Segment) -> bool:
     return run.joint == part.joint and run.start <= part.start and part.stop <= run.stop
-
-
-def _unproved(problem: SignProblem, cone: PhysicalCone, signs: Array) -> SignSolution:
-    """Given signs as a solution without proof."""
-    z = problem.coordinates(signs)
-    squared, nearest = cone.distance(z)
-    return SignSolution(signs, nearest, problem.loss(signs) + squared, SignProof(False, 1.0, 0), np.zeros((len(z), 0)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -165,20 +165,18 @@ def motion_windows(task: Task, part: Part, step: int) -> Iterator[MotionWindow]:
         for k in range(0, total, size):
             stop = min(k + size, total)
             low, high = max(k - edge, 0), min(stop + edge, total)
-            window = _extend_window(samples(recording, sampling, span, low, high), low - k + edge, stop + edge - high)
-            motion = build_motion(task.robot, window, band, sampling.period, task.recorded_derivatives, task.slow)
+            window = samples(recording, sampling, span, low, high)._asdict()
+            sides: Any = [(low - k + edge, stop + edge - high), (0, 0)]
+            for key, x in window.items():
+                if np.ndim(x):
+                    window[key] = np.pad(x, sides[: x.ndim], mode="reflect", reflect_type="odd")
+            extended = Samples(**window)
+            motion = build_motion(task.robot, extended, band, sampling.period, task.recorded_derivatives, task.slow)
             assert motion.recorded is not None, "windows carry torque"
             place = np.arange(k, stop)
             whole = (place >= edge) & (place < total - edge)
             steady = away_from_reversals(motion.v, reach, task.slow) | ~np.array(task.reverses)
             yield MotionWindow(k == 0, motion, motion.recorded, steady & whole[:, None])
-
-
-def _extend_window(window: Samples, before: int, after: int) -> Samples:
-    sides: Any = [(before, after), (0, 0)]
-    signals = {key: x for key, x in window._asdict().items() if np.ndim(x)}
-    longer = {key: np.pad(x, sides[: x.ndim], mode="reflect", reflect_type="odd") for key, x in signals.items()}
-    return Samples(**{**window._asdict(), **longer})
 
 
 class Segment(NamedTuple):
@@ -216,7 +214,12 @@ def threshold_runs(observed: Observations) -> tuple[list[Segment], Array]:
         some = np.sort(magnitude[moving] if moving.any() else magnitude)
         threshold[joint] = some[min(int(round(SEGMENT_QUANTILE * len(some))), len(some) - 1)]
         above = list(runs(observed, joint, moving & (magnitude >= threshold[joint]) & (magnitude > 0)))
-        long = _long_runs(above, max(SEGMENT_SAMPLES, round(SEGMENT_DURATION / observed.period)))
+        # if the long runs hold too few of all samples, short ones count
+        lengths = np.array([run.length for run in above])
+        enough = lengths >= max(SEGMENT_SAMPLES, round(SEGMENT_DURATION / observed.period))
+        if lengths[enough].sum() < SEGMENT_COVERAGE * lengths.sum():
+            enough = lengths >= SEGMENT_SAMPLES
+        long = [run for run, keep in zip(above, enough, strict=True) if keep]
         if not long:
             raise RecordingError(_too_short(observed, joint, above))
         found += long
@@ -277,15 +280,6 @@ def runs(observed: Observations, joint: int, inside: Mask) -> Iterator[Segment]:
     begins = np.flatnonzero(observed.first)
     for start, stop in edges.reshape(-1, 2).tolist():
         yield from Segment(joint, start, stop).cut(begins[(begins > start) & (begins < stop)].tolist())
-
-
-def _long_runs(found: Sequence[Segment], least: int) -> list[Segment]:
-    """Runs of at least `least` samples; if they hold too few of all samples, runs of SEGMENT_SAMPLES or more."""
-    lengths = np.array([run.length for run in found])
-    enough = lengths >= least
-    if lengths[enough].sum() < SEGMENT_COVERAGE * lengths.sum():
-        enough = lengths >= SEGMENT_SAMPLES
-    return [run for run, keep in zip(found, enough, strict=True) if keep]
 
 
 def _split_samples(observed: Observations, segment: Segment, predicted: Array, noise: float) -> Iterator[int]:

@@ -76,7 +76,10 @@ def refine_signs(observed: Observations, value: Array, *, rounds: int = MAX_EM_R
     while done < rounds:
         done += 1
         predicted = observed.predict(value)[:, hidden]
-        variance = _residual_variance((np.abs(predicted) - magnitude) ** 2, magnitude, fit.fitted)
+        errors = (np.abs(predicted) - magnitude) ** 2
+        calm = RESIDUAL_INFLATION * _masked_mean(errors, fit.fitted)
+        near = np.maximum(calm, _masked_mean(errors, ~fit.fitted))  # of samples near reversals
+        variance = np.maximum(np.where(fit.fitted, calm, near), _floor(magnitude))
         odds = np.clip(2 * predicted * magnitude / variance, -MAX_SIGN_ODDS, MAX_SIGN_ODDS)
         expected = expected_signs(odds, tied)
         before, z = z, fit.coordinates(expected * magnitude)
@@ -133,40 +136,30 @@ def likeliest_signs(odds: Array, tied: Array) -> Array:
 
     Source: Viterbi, IEEE Trans. Information Theory 13(2), 1967.
     """
-    paths = [_likeliest_path(o, t) for o, t in zip(odds.T.tolist(), tied.T.tolist(), strict=True)]
+    paths = []
+    for chain, ties in zip(odds.T.tolist(), tied.T.tolist(), strict=True):
+        best, gain = [], 0.0
+        for alone, tie in zip(chain, ties, strict=True):
+            gain = alone + min(max(gain, -tie), tie)
+            best.append(gain)
+        sign, path = 1.0, []
+        for gain, tie in zip(best[::-1], [0.0, *ties[:0:-1]], strict=True):
+            sign = 1.0 if gain + tie * sign >= 0 else -1.0
+            path.append(sign)
+        paths.append(path[::-1])
     return np.array(paths).reshape(odds.T.shape).T
 
 
 def _messages(own: Array, same: Array) -> Array:
     """(N, h) log-odds of a positive sign from each sample and all before it."""
-    out = [_forward_messages(o, s) for o, s in zip(own.T.tolist(), same.T.tolist(), strict=True)]
-    return np.asarray(np.log(np.array(out).reshape(own.T.shape)).T)
-
-
-def _forward_messages(own: list[float], same: list[float]) -> list[float]:
-    out, odds = [], 1.0
-    for alone, tie in zip(own, same, strict=True):
-        odds = alone * (odds * tie + 1.0) / (odds + tie)
-        out.append(odds)
-    return out
-
-
-def _likeliest_path(odds: list[float], tied: list[float]) -> list[float]:
-    best, gain = [], 0.0
-    for alone, tie in zip(odds, tied, strict=True):
-        gain = alone + min(max(gain, -tie), tie)
-        best.append(gain)
-    sign, out = 1.0, []
-    for gain, tie in zip(best[::-1], [0.0, *tied[:0:-1]], strict=True):
-        sign = 1.0 if gain + tie * sign >= 0 else -1.0
-        out.append(sign)
-    return out[::-1]
-
-
-def _residual_variance(squares: Array, magnitude: Array, fitted: Mask) -> Array:
-    """Inflated variance (N, h) of the residual [(N.m or N)^2]; near reversals at least that of the samples there."""
-    calm = RESIDUAL_INFLATION * _masked_mean(squares, fitted)
-    return np.maximum(np.where(fitted, calm, np.maximum(calm, _masked_mean(squares, ~fitted))), _floor(magnitude))
+    chains = []
+    for chain, ties in zip(own.T.tolist(), same.T.tolist(), strict=True):
+        messages, odds = [], 1.0
+        for alone, tie in zip(chain, ties, strict=True):
+            odds = alone * (odds * tie + 1.0) / (odds + tie)
+            messages.append(odds)
+        chains.append(messages)
+    return np.asarray(np.log(np.array(chains).reshape(own.T.shape)).T)
 
 
 def _masked_mean(squares: Array, which: Mask) -> Array:

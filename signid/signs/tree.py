@@ -84,7 +84,9 @@ def _conditioning(grams: Array) -> tuple[Array, Array]:
 
 def _min_set(grams: Array, known: _Set, joints: Indices, threshold: float, budget: int) -> tuple[_Set | None, bool]:
     """Best set of the smallest size that has a well-conditioned one, and whether all sets up to it were tried."""
-    base, needed, own = grams[list(known)].sum(0), _needed_joints(grams, joints), joints.tolist()
+    base, total, own = grams[list(known)].sum(0), grams.sum(0), joints.tolist()
+    rest = [(j, total - grams[: len(joints)][joints == j].sum(0)) for j in np.unique(joints).tolist()]
+    needed = {j for j, gram in rest if _conditioning(gram[None])[0][0] > 0}  # without them rows are rank deficient
     for size in range(0 if known else 1, min(EXHAUSTIVE_SIZE, len(joints)) + 1):
         if size < len(needed):
             continue
@@ -99,13 +101,6 @@ def _min_set(grams: Array, known: _Set, joints: Indices, threshold: float, budge
         if taken and best[0] == 0 and best[1] < threshold:
             return (*known, *best[2]), True
     return None, EXHAUSTIVE_SIZE >= len(joints)
-
-
-def _needed_joints(grams: Array, joints: Indices) -> set[int]:
-    """Joints without whose segments the rows are rank deficient."""
-    total = grams.sum(0)
-    rest = [(j, total - grams[: len(joints)][joints == j].sum(0)) for j in np.unique(joints).tolist()]
-    return {j for j, gram in rest if _conditioning(gram[None])[0][0] > 0}
 
 
 def _try_sets(grams: Array, base: Array, sets: Sequence[_Set]) -> Iterator[tuple[int, float, _Set]]:
@@ -252,8 +247,18 @@ def search_tree(
     ordered = condition_order(problem)
     node, nodes = grow(problem, ordered.order, ordered.start, width, solve, progress)
     signs = in_place(node.signs, ordered.order)
-    notes = (*_order_notes(ordered), *_loss_notes(problem, signs, node))
-    return TreeResult(signs, base.combination @ node.end, node.loss, nodes, node.evaluations, notes)
+    notes, least = [], problem.loss(signs)
+    if not ordered.complete:
+        notes.append(
+            f"the first {ordered.start} segments of the tree were chosen one by one (condition number "
+            f"{ordered.condition:.3g}), since there are too many sets or signs to try them all"
+        )
+    if node.loss > (1 + MIN_NOTED_EXCESS) * least + NEGLIGIBLE_EXCESS * problem.energies.sum():
+        notes.append(
+            f"the search at the last node ended at a loss of {node.loss:.3g}, but least squares with the same signs "
+            f"reaches {least:.3g}, so its signs may be wrong; --signs exact needs no such search"
+        )
+    return TreeResult(signs, base.combination @ node.end, node.loss, nodes, node.evaluations, tuple(notes))
 
 
 def _polish(cost: PenaltyCost, end: Optimum, weight: float) -> tuple[Array, float]:
@@ -279,23 +284,6 @@ def _base_scales(problem: SignProblem, base: BaseMap) -> Estimate:
     size = np.sqrt(np.where(np.isfinite(least), least, 0.0))
     nothing = np.zeros((base.rank, base.rank))
     return Estimate(size, nothing, nothing, np.zeros(0), ())
-
-
-def _order_notes(ordered: SegmentOrder) -> Iterator[str]:
-    if not ordered.complete:
-        yield (
-            f"the first {ordered.start} segments of the tree were chosen one by one (condition number "
-            f"{ordered.condition:.3g}), since there are too many sets or signs to try them all"
-        )
-
-
-def _loss_notes(problem: SignProblem, signs: Array, node: TreeNode) -> Iterator[str]:
-    least = problem.loss(signs)
-    if node.loss > (1 + MIN_NOTED_EXCESS) * least + NEGLIGIBLE_EXCESS * problem.energies.sum():
-        yield (
-            f"the search at the last node ended at a loss of {node.loss:.3g}, but least squares with the same signs "
-            f"reaches {least:.3g}, so its signs may be wrong; --signs exact needs no such search"
-        )
 
 
 def by_tree(task: Task, seed: int, progress: Progress | None = None) -> ChooseSigns:
