@@ -434,13 +434,13 @@ class Misfit(Frozen):
 
     def document(self, joints: Sequence[str]) -> dict[str, Any]:
         """JSON object for model.json, without joints of unknown misfit."""
-        each = zip(joints, self.size.tolist(), self.length.tolist(), strict=True)
-        own = {
+        rows = zip(joints, self.size.tolist(), self.length.tolist(), strict=True)
+        misfits = {
             name: {"rms": round_digits(rms, MISFIT_DIGITS), "length": round_digits(s, MISFIT_DIGITS)}
-            for name, rms, s in each
+            for name, rms, s in rows
             if np.isfinite(rms)
         }
-        return {"cutoff": round_digits(self.cutoff, MISFIT_DIGITS), "joints": own}
+        return {"cutoff": round_digits(self.cutoff, MISFIT_DIGITS), "joints": misfits}
 
 
 def measure_misfit(task: Task, test: Factors, value: Array) -> Misfit:
@@ -462,6 +462,6 @@ def read_misfit(content: Mapping[str, Any] | None, joints: Sequence[str]) -> Mis
     """Misfit in the content of a model.json, the object of `Misfit.document`; None if it has none."""
     if content is None:
         return None
-    own = [content["joints"].get(name, {"rms": np.nan, "length": np.nan}) for name in joints]
-    size, length = (np.array([float(each[key]) for each in own]) for key in ("rms", "length"))
+    entries = [content["joints"].get(name, {"rms": np.nan, "length": np.nan}) for name in joints]
+    size, length = (np.array([float(entry[key]) for entry in entries]) for key in ("rms", "length"))
     return Misfit(size, length, float(content["cutoff"]))

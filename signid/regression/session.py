@@ -214,15 +214,15 @@ def prepare(
     """
     if not recordings:
         raise OptionError("no recording was given; at least one is needed")
-    everything = [*recordings, *held_out]
-    need_torque(everything)
+    whole = [*recordings, *held_out]
+    need_torque(whole)
     if scaled:
-        need_constants(everything)
+        need_constants(whole)
     check_masses(robot)
-    moving = hold(robot, resting(robot, but=same_joints(everything)))
-    surveys = {recording: survey(recording, moving) for recording in dict.fromkeys(everything)}
+    moving = hold(robot, resting(robot, but=same_joints(whole)))
+    surveys = {recording: survey(recording, moving) for recording in dict.fromkeys(whole)}
     surveys = dict(zip(surveys, one_after_another(list(surveys.values())), strict=True))
-    learn, judge = (tuple((r, surveys[r]) for r in some) for some in (recordings, held_out))
+    learn, judge = (tuple((r, surveys[r]) for r in role) for role in (recordings, held_out))
     return _arrange(moving, (learn, judge), options or Options(), robot.notes)
 
 
@@ -369,12 +369,12 @@ def _complete(part: Part, key: str) -> bool:
 def _derivatives_agree(robot: Robot, part: Part, band: Band) -> bool:
     """Whether recorded derivatives and those of the positions are the same inside the band."""
     piece, period = longest_piece(part), part[1].period
-    own, recorded = (build_motion(robot, piece, band, period, recorded_derivatives=yes) for yes in (False, True))
-    edge = (len(recorded) - len(own)) // 2
+    computed, recorded = (build_motion(robot, piece, band, period, choice) for choice in (False, True))
+    edge = (len(recorded) - len(computed)) // 2
     thin = Decimator(band.taps, band.factor)
-    for mine, theirs in ((own.v, recorded.v), (own.a, recorded.a)):
-        ours, given = thin(mine), thin(theirs[edge : len(theirs) - edge])
-        if not len(ours) or np.linalg.norm(ours - given) > DERIVATIVE_TOLERANCE * np.linalg.norm(ours):
+    for derivative, stated in ((computed.v, recorded.v), (computed.a, recorded.a)):
+        ours, other = thin(derivative), thin(stated[edge : len(stated) - edge])
+        if not len(ours) or np.linalg.norm(ours - other) > DERIVATIVE_TOLERANCE * np.linalg.norm(ours):
             return False
     return True
 

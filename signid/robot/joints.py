@@ -67,7 +67,7 @@ def hold(robot: Robot, positions: Mapping[str, float]) -> Robot:
     keep = [i for i in range(len(robot.joints)) if i not in held]
     if not keep:
         raise RobotError(f"every joint of {robot.name} would be held fixed; leave at least one to move")
-    each = [f"{robot.joints[i]} at {held[i]:.6g} {'m' if robot.prismatic[i] else 'rad'}" for i in sorted(held)]
+    fixed = [f"{robot.joints[i]} at {held[i]:.6g} {'m' if robot.prismatic[i] else 'rad'}" for i in sorted(held)]
     return replace(
         robot,
         joints=tuple(robot.joints[i] for i in keep),
@@ -78,7 +78,7 @@ def hold(robot: Robot, positions: Mapping[str, float]) -> Robot:
         servo={joint: stated for joint, stated in robot.servo.items() if robot.index(joint) not in held},
         springs={joint: stated for joint, stated in robot.springs.items() if robot.index(joint) not in held},
         registers={key: stated for key, stated in robot.registers.items() if robot.index(key[1]) not in held},
-        notes=(*robot.notes, f"held fixed: {shorten(each)}"),
+        notes=(*robot.notes, f"held fixed: {shorten(fixed)}"),
         **{key: getattr(robot, key)[keep] for key in _JOINT_ARRAYS},
     )
 

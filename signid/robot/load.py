@@ -110,9 +110,9 @@ def held_positions(robot: Robot) -> dict[str, float]:
     shift = robot.rest - whole.rest
     held = {}
     for j, joint in enumerate(whole.joints):
-        own = int(np.argmin(np.abs(whole.drive[:, j] - 1)))  # a joint drives its own row with factor one
+        row = int(np.argmin(np.abs(whole.drive[:, j] - 1)))  # a joint drives its own row with factor one
         if joint not in robot.joints:
-            held[joint] = float(shift[own] / whole.drive[own, j])
+            held[joint] = float(shift[row] / whole.drive[row, j])
     return held
 
 
@@ -233,9 +233,9 @@ def as_robot(given: object, verb: str) -> Robot:
     """
     if isinstance(given, str | Path):
         return load_robot(given)
-    for found in (given, getattr(given, "robot", None)):
-        if isinstance(found, Robot):
-            return found
+    for candidate in (given, getattr(given, "robot", None)):
+        if isinstance(candidate, Robot):
+            return candidate
     raise unexpected(verb, "a Robot", given, 'signid.load_robot("robot.urdf")')
 
 
@@ -245,15 +245,15 @@ def parse_arguments(texts: Sequence[str]) -> dict[str, str]:
     Raises:
         OptionError: a text of another form, or two values for one name.
     """
-    found: dict[str, str] = {}
+    arguments: dict[str, str] = {}
     for text in texts:
         if not ASSIGNMENT.match(text):
             raise OptionError(f"--xacro {text[:80]!r} is not an argument and its value; write NAME:=VALUE")
         name, _, value = text.partition(":=")
-        if name in found:
+        if name in arguments:
             raise OptionError(f"--xacro names the argument {name} twice; give one value for it")
-        found[name] = value
-    return as_arguments(found)
+        arguments[name] = value
+    return as_arguments(arguments)
 
 
 def as_arguments(given: Mapping[str, object] | None) -> dict[str, str]:
@@ -338,8 +338,8 @@ def _fill(values: dict[str, Array], tables: Mapping[str, Any], robot: Robot) -> 
             if key == "servo":
                 servo[robot.joints[joint]] = _servo_numbers(name, value)
             elif key not in _KEYS:
-                own = f"; {key} belongs below [joint.{name}.servo]" if key in SERVO_KEYS else ""
-                raise RobotError(f"joint {name} has the unknown key {key!r}; choose from {', '.join(_KEYS)}{own}")
+                advice = f"; {key} belongs below [joint.{name}.servo]" if key in SERVO_KEYS else ""
+                raise RobotError(f"joint {name} has the unknown key {key!r}; choose from {', '.join(_KEYS)}{advice}")
             else:
                 values[key][joint] = _number(name, key, value)
     return {joint: stated for joint, stated in servo.items() if stated}
@@ -347,7 +347,7 @@ def _fill(values: dict[str, Array], tables: Mapping[str, Any], robot: Robot) -> 
 
 def _servo_numbers(name: str, table: object) -> ServoNumbers:
     """Stated numbers and words of a servo."""
-    where, found = f"joint.{name}.servo", ServoNumbers()
+    where, stated = f"joint.{name}.servo", ServoNumbers()
     if not isinstance(table, Mapping):
         raise RobotError(f"{where!r} is not a table; write [{where}] and below it lines such as kp = 20.0")
     for key, value in table.items():
@@ -357,8 +357,8 @@ def _servo_numbers(name: str, table: object) -> ServoNumbers:
             raise RobotError(f"[{where}] has the unknown key {key!r}; {advice}")
         if value == UNKNOWN_NUMBER:
             continue
-        found[key] = _word(where, key, value) if key in CHOICES else _size(where, key, value)
-    return found
+        stated[key] = _word(where, key, value) if key in CHOICES else _size(where, key, value)
+    return stated
 
 
 def _word(where: str, key: str, value: object) -> str:
@@ -382,23 +382,23 @@ def _size(where: str, key: str, value: object) -> float:
 
 def _registers(tables: Mapping[str, Any], robot: Robot) -> dict[tuple[str, str], Mapping[str, float]]:
     """Firmware gains by name of a recording and joint."""
-    found: dict[tuple[str, str], Mapping[str, float]] = {}
+    registers: dict[tuple[str, str], Mapping[str, float]] = {}
     for file, joints in tables.items():
         form = f'[recording."{file}".JOINT] and below it kp_register = 400'
         if not isinstance(joints, Mapping):
             raise RobotError(f"'recording.{file}' is not a table of joints; write {form}")
         for name, table in joints.items():
-            if not isinstance(table, Mapping) or any(isinstance(each, Mapping) for each in table.values()):
+            if not isinstance(table, Mapping) or any(isinstance(entry, Mapping) for entry in table.values()):
                 raise RobotError(f"'recording.{file}.{name}' is no table of numbers; write {form}, with its quotes")
             joint, where = robot.joints[find_joint(name, robot)], f'recording."{file}".{name}'
             if strange := [key for key in table if key != "kp_register"]:
                 raise RobotError(f"[{where}] has the unknown key {strange[0]!r}; expected kp_register")
-            if (Path(file).name, joint) in found:
+            if (Path(file).name, joint) in registers:
                 raise RobotError(f"joint {joint} has two tables for the recording {file}; keep one")
             stated = {key: _size(where, key, value) for key, value in table.items() if value != UNKNOWN_NUMBER}
             if stated:
-                found[Path(file).name, joint] = stated
-    return found
+                registers[Path(file).name, joint] = stated
+    return registers
 
 
 def _number(joint: str, key: str, value: object) -> float:

@@ -161,8 +161,8 @@ def _run_cached(text: str) -> str:
 
 
 def _check_finite(content: Mapping[str, Any]) -> None:
-    for what, each in (("body", content["bodies"]), ("joint", content["joints"])):
-        for part in each:
+    for what, parts in (("body", content["bodies"]), ("joint", content["joints"])):
+        for part in parts:
             for key, value in part.items():
                 stated = f"{what} {part['name']!r} has {key}={value!r}"
                 if key not in ("name", "kind", "range", "effort"):
@@ -204,15 +204,15 @@ def _build(found: _Compiled) -> tuple[pin.Model, tuple[str, ...], dict[int, int]
     for number, body in enumerate(found.bodies, 1):
         parent, above = place[body.parent]
         pose = above * _se3(body.pos, body.quat)
-        own = [i for i, joint in enumerate(found.joints) if joint.body == number and joint.kind in _MOVING_KINDS]
-        if own:
-            axes = [found.joints[i] for i in own]
+        joints = [i for i, joint in enumerate(found.joints) if joint.body == number and joint.kind in _MOVING_KINDS]
+        if joints:
+            axes = [found.joints[i] for i in joints]
             name = axes[0].name if len(axes) == 1 else f"Composite_{axes[0].name}"
             parent = model.addJoint(parent, *_joint_model(axes, pose), name)
             model.addJointFrame(parent)
             pose = _offset(axes[-1].pos).inverse()
             links.append(body.name)
-            rows |= {i: model.joints[parent].idx_v + k for k, i in enumerate(own)}
+            rows |= {i: model.joints[parent].idx_v + k for k, i in enumerate(joints)}
         rotation = _se3(body.ipos, body.iquat).rotation
         inertia = pin.Inertia(body.mass, np.array(body.ipos), rotation @ np.diag(body.inertia) @ rotation.T)
         model.appendBodyToJoint(parent, inertia, pose)
@@ -233,10 +233,10 @@ def _joint_model(axes: Sequence[_Joint], pose: pin.SE3) -> tuple[Any, pin.SE3]:
         kind = "Revolute" if joint.kind == "hinge" else "Prismatic"
         letter = next((x for x, unit in zip("XYZ", np.eye(3), strict=True) if np.array_equal(unit, joint.axis)), "")
         unaligned = () if letter else (np.array(joint.axis),)
-        one = getattr(pin, f"JointModel{kind[0]}{letter}" if letter else f"JointModel{kind}Unaligned")(*unaligned)
+        part = getattr(pin, f"JointModel{kind[0]}{letter}" if letter else f"JointModel{kind}Unaligned")(*unaligned)
         if len(axes) == 1:
-            return one, before
-        whole.addJoint(one, before)
+            return part, before
+        whole.addJoint(part, before)
         before = _offset(joint.pos).inverse()
     return whole, pin.SE3.Identity()
 

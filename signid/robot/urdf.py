@@ -298,9 +298,9 @@ def _urdf_joint(element: Any) -> Joint:
 
 
 def _end_link(element: Any, end: str, where: str) -> str:
-    for found in children(element, end):
-        if found.get("link"):
-            return str(found.get("link"))
+    for end_element in children(element, end):
+        if end_element.get("link"):
+            return str(end_element.get("link"))
     raise RobotError(f"{where} has no {end} link; add <{end} link=...>")
 
 

@@ -48,7 +48,13 @@ def cone_inequalities(task: Task, observed: Observations, seed: int = 0) -> Arra
     at = np.sort(rng.choice(len(observed), min(KINETIC_POSES, len(observed)), replace=False))
     single, mixed = np.tile(np.diag(size), (len(at), 1)), rng.standard_normal((len(at) * KINETIC_VELOCITIES, n)) * size
     q = np.concatenate([observed.q[at].repeat(n, axis=0), observed.q[at].repeat(KINETIC_VELOCITIES, axis=0)])
-    return np.concatenate([kinetic_rows(task, q, np.concatenate([single, mixed])), positive, _offset_rows(task)])
+    places = {law: k for k, law in law_coefficients(task).items()}
+    unit, offsets = np.eye(task.base.rank), [np.zeros((0, task.base.rank))]
+    for (name, joint), k in places.items():
+        coulomb = places.get(("coulomb_friction", joint))
+        if name == "torque_offset" and coulomb is not None:
+            offsets.append(OFFSET_LIMIT * unit[coulomb] + np.array([[1.0], [-1.0]]) * unit[k])
+    return np.concatenate([kinetic_rows(task, q, np.concatenate([single, mixed])), positive, *offsets])
 
 
 def kinetic_rows(task: Task, q: Array, x: Array) -> Array:
@@ -65,16 +71,6 @@ def kinetic_rows(task: Task, q: Array, x: Array) -> Array:
     for j in range(n):
         rows[:, task.seen(j)] += x[:, j, None] * (pushed[j] - at_rest[j])
     return rows
-
-
-def _offset_rows(task: Task) -> Array:
-    own = {law: k for k, law in law_coefficients(task).items()}
-    unit, rows = np.eye(task.base.rank), [np.zeros((0, task.base.rank))]
-    for (name, joint), k in own.items():
-        coulomb = own.get(("coulomb_friction", joint))
-        if name == "torque_offset" and coulomb is not None:
-            rows.append(OFFSET_LIMIT * unit[coulomb] + np.array([[1.0], [-1.0]]) * unit[k])
-    return np.concatenate(rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,7 +228,14 @@ class _Tree:
     """Nodes of the current level, and their ancestors."""
 
     def __init__(self, problem: SignProblem, cuts: Array, z: Array, below: float) -> None:
-        self.order = _branching_order(problem, z)
+        # a known segment first, then descending |b_i|^3 / |b_i'z|: |b_i| is the influence of a sign, |b_i| / |b_i'z| its
+        # uncertainty near z; the late segments have large |b_i'z|, where the relaxation is tight
+        size = np.linalg.norm(problem.projections, axis=0)
+        clear = np.abs(problem.projections.T @ z)
+        score = size**3 / np.maximum(clear, 1e-12 * np.max(size, initial=1e-300) ** 2)
+        if problem.anchored:
+            score[-1] = np.inf
+        self.order = np.argsort(-score, kind="stable")
         self.cuts = cuts
         self.energy = float(problem.energies.sum())
         self.below = below - LOSS_ROUNDING * self.energy
@@ -295,20 +298,6 @@ class _Tree:
                 break
         self.heights[self.level :] = best.heights
         return best
-
-
-def _branching_order(problem: SignProblem, z: Array) -> Indices:
-    """Order of the segments (S,): a known one first, then descending |b_i|^3 / |b_i'z|.
-
-    |b_i| is the influence of a sign, |b_i| / |b_i'z| its uncertainty near z (r,). The late segments have large
-    |b_i'z|, where the relaxation is tight.
-    """
-    size = np.linalg.norm(problem.projections, axis=0)
-    clear = np.abs(problem.projections.T @ z)
-    score = size**3 / np.maximum(clear, 1e-12 * np.max(size, initial=1e-300) ** 2)
-    if problem.anchored:
-        score[-1] = np.inf
-    return np.argsort(-score, kind="stable")
 
 
 def _relax(later: Array, heights: Array) -> _Relaxed | None:

@@ -322,11 +322,11 @@ def _joint_flips(scores: Scores) -> Array:
 
 def _moved_signs(scores: Scores, moves: Sequence[Array]) -> Array:
     """(K, S) the best signs with those of one joint replaced by, or multiplied by, a move or its opposite."""
-    problem, signs, found = scores.problem, scores.signs, []
+    problem, signs, moved = scores.problem, scores.signs, []
     for move in moves:
         move = np.append(move, np.zeros(problem.count - len(move)))
         for joint in np.unique(problem.joints):
             own = (problem.joints == joint) & (joint >= 0)
             if own.any() and move[own].all():
-                found += [np.where(own, sign * new, signs) for sign in (1, -1) for new in (move, signs * move)]
-    return np.array(found).reshape(-1, problem.count)
+                moved += [np.where(own, sign * new, signs) for sign in (1, -1) for new in (move, signs * move)]
+    return np.array(moved).reshape(-1, problem.count)

@@ -47,12 +47,12 @@ def joint_flip_probability(problem: SignProblem, signs: Array, rivals: RivalSign
     """Per joint, the probability that signs (S,) [1] are inverted in segments with more than half of its energy."""
     weights = rivals.weights
     total = max(float(weights.sum()), 1e-300)
-    found = {}
+    probabilities = {}
     for joint in np.unique(problem.joints[problem.joints >= 0]).tolist():
         own = problem.joints == joint
         share = np.average(rivals.signs[:, own] != signs[own], axis=1, weights=problem.energies[own] + 1e-300)
-        found[joint] = float(weights[share > 0.5].sum()) / total
-    return found
+        probabilities[joint] = float(weights[share > 0.5].sum()) / total
+    return probabilities
 
 
 def inflation(residual: Array, runs: Sequence[tuple[int, int]]) -> float:

@@ -211,8 +211,8 @@ def threshold_runs(observed: Observations) -> tuple[list[Segment], Array]:
                 f"the absolute torque of {observed.joints[joint]} is zero throughout; leave its column out, or check "
                 f"the logger"
             )
-        some = np.sort(magnitude[moving] if moving.any() else magnitude)
-        threshold[joint] = some[min(int(round(SEGMENT_QUANTILE * len(some))), len(some) - 1)]
+        ascending = np.sort(magnitude[moving] if moving.any() else magnitude)
+        threshold[joint] = ascending[min(int(round(SEGMENT_QUANTILE * len(ascending))), len(ascending) - 1)]
         above = list(runs(observed, joint, moving & (magnitude >= threshold[joint]) & (magnitude > 0)))
         # if the long runs hold too few of all samples, short ones count
         lengths = np.array([run.length for run in above])

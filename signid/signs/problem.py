@@ -71,7 +71,11 @@ def build_sign_problem(
 
     Samples near reversals are left out. A joint's torque is weighted by its weights (n,) [1/N.m or 1/N].
     """
-    inside = [_steady_samples(observed, s) for s in segments]
+    inside = []
+    for joint, start, stop in segments:
+        at = np.arange(start, stop)
+        steady = at[observed.steady[at, joint]]
+        inside.append(steady if len(steady) else at)
     rows = [observed.rows(s.joint, at) * weights[s.joint] for s, at in zip(segments, inside, strict=True)]
     right = [np.abs(observed.torque[at, s.joint]) * weights[s.joint] for s, at in zip(segments, inside, strict=True)]
     if known is not None and len(known.target):
@@ -153,12 +157,6 @@ def orthonormalise(rows: Array) -> tuple[Array, Array]:
     left, singular, right = np.linalg.svd(r)
     rank = int(np.sum(singular > ROW_RANK_TOLERANCE * singular[0]))
     return q @ left[:, :rank], (right[:rank].T / singular[:rank]) / size[:, None]
-
-
-def _steady_samples(observed: Observations, segment: Segment) -> Indices:
-    at = np.arange(segment.start, segment.stop)
-    steady = at[observed.steady[at, segment.joint]]
-    return steady if len(steady) else at
 
 
 class Certificate(NamedTuple):

@@ -201,10 +201,10 @@ def prepare_and_recover(
 
     Where a torque lacks its sign or its constant, the options `unsigned` take the place of `options`, unless None.
     """
-    everything = (*recordings, *held_out)
-    known = all(r.signed.all() and (r.scaled is None or r.scaled.all()) for r in everything)
-    own = options if known or unsigned is None else unsigned
-    return recover(prepare(robot, recordings, held_out, own, scaled=False), method=method, progress=progress)
+    whole = (*recordings, *held_out)
+    known = all(r.signed.all() and (r.scaled is None or r.scaled.all()) for r in whole)
+    chosen = options if known or unsigned is None else unsigned
+    return recover(prepare(robot, recordings, held_out, chosen, scaled=False), method=method, progress=progress)
 
 
 def recover(session: Session, *, method: str = "exact", progress: Progress | None = None) -> Recovered:
@@ -268,10 +268,10 @@ def _same_torques(recordings: Sequence[Recording]) -> None:
 
 def _traces(observed: Observations, parts: Sequence[Part], refined: RefinedSigns) -> dict[Recording, Trace]:
     """Per recording, its thinned samples with the signs found."""
-    predicted, found = observed.predict(refined.value), {}
+    predicted, traces = observed.predict(refined.value), {}
     for k, (recording, _) in enumerate(parts):
         at = observed.part == k
-        found[recording] = Trace(
+        traces[recording] = Trace(
             path=recording.path,
             t=observed.t[at],
             first=np.flatnonzero(observed.first[at]),
@@ -280,7 +280,7 @@ def _traces(observed: Observations, parts: Sequence[Part], refined: RefinedSigns
             predicted=predicted[at],
             origin=time_origin(recording),
         )
-    return found
+    return traces
 
 
 def _result(
@@ -304,11 +304,11 @@ def _result(
         notes.append(
             f"signs of {shorten(unused)}, which some recordings have, were not used: other recordings lack them"
         )
-    each = zip(inferred.segments, inferred.signs.tolist(), inferred.confidence.tolist(), strict=True)
+    found_signs = zip(inferred.segments, inferred.signs.tolist(), inferred.confidence.tolist(), strict=True)
     part, t = observed.part.tolist(), observed.t.tolist()
     segments = sorted(
         SignSegment(part[start], joint, t[start], t[stop - 1], int(sign), confidence)
-        for (joint, start, stop), sign, confidence in each
+        for (joint, start, stop), sign, confidence in found_signs
     )
     return Signs(
         joints=observed.joints,

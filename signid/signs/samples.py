@@ -241,12 +241,12 @@ def _jumps(
         count = -(-len(motion) // step)
         for k in np.flatnonzero(changing[passed : passed + count - 1]).tolist():
             here, (before, after) = slice(k * step, (k + 1) * step + 1), thinned[passed + k : passed + k + 2]
-            some = replace(motion[here], slow=None)  # friction changes its sign at once
-            size, model = np.abs(np.nan_to_num(torque[here])), predict(task, some, value)
-            signs = np.repeat(before[None], len(some), axis=0)
+            between = replace(motion[here], slow=None)  # friction changes its sign at once
+            size, model = np.abs(np.nan_to_num(torque[here])), predict(task, between, value)
+            signs = np.repeat(before[None], len(between), axis=0)
             for j in np.flatnonzero(before != after):
                 signs[place_sign_change(before[j], after[j], size[:, j], model[:, j]) :, j] = after[j]
-            yield passed + k, some.t, signs
+            yield passed + k, between.t, signs
         passed += count
 
 
@@ -385,12 +385,12 @@ def _fill_span(found: SignMarks, span: _Span, signs: SignMarks) -> None:
     own = signs[:, span.hidden]
     changes = np.repeat(span.at[1:, None], len(span.hidden), axis=1)  # rows from which the next sample's sign holds
     turning = np.flatnonzero((own[1:] != own[:-1]).any(axis=1))  # intervals between samples in which a sign changes
-    for some in np.split(turning, np.flatnonzero(np.diff(span.at[turning] // CHUNK_ROWS)) + 1):
-        if not len(some):
+    for intervals in np.split(turning, np.flatnonzero(np.diff(span.at[turning] // CHUNK_ROWS)) + 1):
+        if not len(intervals):
             continue
-        rows = span.read(int(span.at[some[0]]) - EXTRA_ROWS, int(span.at[some[-1] + 1]) + EXTRA_ROWS)
+        rows = span.read(int(span.at[intervals[0]]) - EXTRA_ROWS, int(span.at[intervals[-1] + 1]) + EXTRA_ROWS)
         for i in range(len(span.hidden)):
-            which = some[own[some, i] != own[some + 1, i]]
+            which = intervals[own[intervals, i] != own[intervals + 1, i]]
             if len(which):
                 places = (np.searchsorted(rows.number, span.at[which + k]) for k in (0, 1))
                 low, high = (np.minimum(place, len(rows.number) - 1) for place in places)
