@@ -228,8 +228,8 @@ class _Tree:
     """Nodes of the current level, and their ancestors."""
 
     def __init__(self, problem: SignProblem, cuts: Array, z: Array, below: float) -> None:
-        # a known segment first, then descending |b_i|^3 / |b_i'z|: |b_i| is the influence of a sign, |b_i| / |b_i'z| its
-        # uncertainty near z; the late segments have large |b_i'z|, where the relaxation is tight
+        # a known segment first, then descending |b_i|^3 / |b_i'z|: |b_i| is the influence of a sign, |b_i| / |b_i'z|
+        # its uncertainty near z; the late segments have large |b_i'z|, where the relaxation is tight
         size = np.linalg.norm(problem.projections, axis=0)
         clear = np.abs(problem.projections.T @ z)
         score = size**3 / np.maximum(clear, 1e-12 * np.max(size, initial=1e-300) ** 2)

@@ -250,7 +250,12 @@ def recover(session: Session, *, method: str = "exact", progress: Progress | Non
         if part in learn:
             expected[part[0]] = with_signs(part[0], expect_signs(task, part, value, inferred.refined.sigma, signs))
     whole, learning = session.exchange(signed), session.exchange(signed | expected)
-    return Recovered(whole, learning, _result(session, observed, inferred, tuple(traced.values()), method))
+    notes = [*_sign_notes(observed, inferred)]
+    if unused := [observed.joints[j] for j in observed.hidden if any(recording.signed[j] for recording, _ in learn)]:
+        notes.append(
+            f"signs of {shorten(unused)}, which some recordings have, were not used: other recordings lack them"
+        )
+    return Recovered(whole, learning, _result(session, observed, inferred, notes, tuple(traced.values()), method))
 
 
 def _same_torques(recordings: Sequence[Recording]) -> None:
@@ -287,23 +292,10 @@ def _result(
     session: Session,
     observed: Observations,
     inferred: InferredSigns,
+    notes: Sequence[str],
     traces: tuple[Trace, ...],
     method: str,
 ) -> Signs:
-    notes = [*inferred.notes]
-    if inferred.finer:
-        notes.append(
-            "segments above the threshold hid changes of sign: stretches between low minima were searched instead"
-        )
-    for joint, count in inferred.impure.items():
-        segments = "1 segment" if count == 1 else f"{count} segments"
-        notes.append(f"{observed.joints[joint]}: {segments} cut at a change of sign of the torque inside")
-    if unused := [
-        observed.joints[j] for j in observed.hidden if any(recording.signed[j] for recording, _ in session.learned)
-    ]:
-        notes.append(
-            f"signs of {shorten(unused)}, which some recordings have, were not used: other recordings lack them"
-        )
     found_signs = zip(inferred.segments, inferred.signs.tolist(), inferred.confidence.tolist(), strict=True)
     part, t = observed.part.tolist(), observed.t.tolist()
     segments = sorted(
@@ -325,3 +317,15 @@ def _result(
         traces=traces,
         seed=session.options.seed,
     )
+
+
+def _sign_notes(observed: Observations, inferred: InferredSigns) -> tuple[str, ...]:
+    notes = [*inferred.notes]
+    if inferred.finer:
+        notes.append(
+            "segments above the threshold hid changes of sign: stretches between low minima were searched instead"
+        )
+    for joint, count in inferred.impure.items():
+        segments = "1 segment" if count == 1 else f"{count} segments"
+        notes.append(f"{observed.joints[joint]}: {segments} cut at a change of sign of the torque inside")
+    return tuple(notes)
