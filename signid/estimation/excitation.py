@@ -46,17 +46,17 @@ class ExcitationVerdict(Frozen):
         """Reasons for insufficient excitation, with advice; empty if it is sufficient."""
         if self.sufficient:
             return ()
-        found = []
+        sentences = []
         if self.resting:
             them = "it" if len(self.resting) == 1 else "them"
-            found.append(f"{_joints(self.resting)} did not move: move {them}, or hold with --lock")
-        found += [f"{_joints(group)} moved in step: move them out of step" for group in self.in_step]
-        found.append(
+            sentences.append(f"{_joints(self.resting)} did not move: move {them}, or hold with --lock")
+        sentences += [f"{_joints(group)} moved in step: move them out of step" for group in self.in_step]
+        sentences.append(
             f"the motion gives {max(self.shares[0], 0):.2%} of the information of random motion of the same size (at "
             f"least {MIN_INFO:.0%} is needed): {_join_names(self.unidentified)} cannot be identified; record a motion "
             f"by signid excite"
         )
-        return tuple(map(named_for_caller, found))
+        return tuple(map(named_for_caller, sentences))
 
 
 def judge_excitation(task: Task, factors: Factors, estimated: Estimate, seed: int = 0) -> ExcitationVerdict:

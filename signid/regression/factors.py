@@ -330,18 +330,18 @@ def find_lacks(
     trials, far = _try_laws(task, (_residual_rows(task, train), _residual_rows(task, test)), fit, value, stated, sound)
     left = [trial for trial in trials if trial.explained > MIN_EXPLAINED_SHARE]
     for joint in dict.fromkeys(trial.joint for trial in left):
-        found = [(one.explained, one.effect) for one in left if one.joint == joint]
+        candidates = [(trial.explained, trial.effect) for trial in left if trial.joint == joint]
         floors = float(fit.held_out_rms[joint] / max(fit.noise_floor[joint], 1e-300))
-        yield _name_lack(task.robot.joints[joint], found, floors)
+        yield _name_lack(task.robot.joints[joint], candidates, floors)
     best = max(trials, key=lambda trial: trial.spared, default=None)
     if far and best is not None and best.spared > MIN_SPARED_SHARE and all(trial.joint != best.joint for trial in left):
-        found = [(one.spared, one.effect) for one in trials if one.joint == best.joint]
-        yield _name_lack(task.robot.joints[best.joint], found, 0.0, moved=True)
+        candidates = [(trial.spared, trial.effect) for trial in trials if trial.joint == best.joint]
+        yield _name_lack(task.robot.joints[best.joint], candidates, 0.0, moved=True)
 
 
-def _name_lack(name: str, found: list[tuple[float, Effect]], floors: float, moved: bool = False) -> Lack:
-    worth = {effect: share - MIN_COEFFICIENT_GAIN * len(effect.coefficients(effect.example)) for share, effect in found}
-    order = sorted((pair for pair in found if pair[0] > MIN_EXPLAINED_SHARE), key=lambda pair: -worth[pair[1]])
+def _name_lack(name: str, laws: list[tuple[float, Effect]], floors: float, moved: bool = False) -> Lack:
+    worth = {effect: share - MIN_COEFFICIENT_GAIN * len(effect.coefficients(effect.example)) for share, effect in laws}
+    order = sorted((pair for pair in laws if pair[0] > MIN_EXPLAINED_SHARE), key=lambda pair: -worth[pair[1]])
     share, first = order[0]
     names = tuple(effect.name for _, effect in order if _variable(effect) == _variable(first))
     return Lack(name, share, _variable(first), names, moved, floors)

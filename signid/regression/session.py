@@ -124,8 +124,8 @@ class Session(Frozen):
         Raises:
             RecordingError: every stretch of the recordings is shorter than the filter.
         """
-        each = [(p, reduce_rows(self.task, _rows_of_part(self.task, p, progress, purpose), lags, weigh)) for p in parts]
-        found = [replace(one, parts=((part[0].sha256, one),)) for part, one in each if one.rows]
+        sums = [(p, reduce_rows(self.task, _rows_of_part(self.task, p, progress, purpose), lags, weigh)) for p in parts]
+        found = [replace(factors, parts=((part[0].sha256, factors),)) for part, factors in sums if factors.rows]
         if not found:
             band, these = self.task.band, "what is held out" if parts is self.held_out else "the recordings"
             raise RecordingError(

@@ -136,12 +136,12 @@ def predict(task: Task, motion: Motion, value: Array) -> Array:
 
 def law_coefficients(task: Task) -> dict[int, tuple[str, int]]:
     """Map each base parameter that is a single coefficient of a law to the effect's name and the joint."""
-    found = {}
+    coefficients = {}
     for k, row in enumerate(task.base.combination):
         label = task.base.labels[task.base.independent[k]]
         if np.count_nonzero(row) == 1 and label.law is not None and label.joint is not None:
-            found[k] = (task.laws[label.law].effect.name, label.joint)
-    return found
+            coefficients[k] = (task.laws[label.law].effect.name, label.joint)
+    return coefficients
 
 
 def thinning(task: Task, parts: Sequence[Part]) -> int:

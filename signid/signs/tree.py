@@ -177,11 +177,16 @@ def grow(
     choices = [(1.0,) if problem.joints[i] < 0 else (1.0, -1.0) for i in order]
     pool, nodes, spent = [TreeNode(0.0, np.zeros(0), 0)], 0, 0
     for k in range(max(start, 1), len(order) + 1):
-        level, members = _tree_level(problem, order[:k]), problem.projections[:, order[:k]]
+        taken = order[:k]
+        gram, right = problem.grams[taken].sum(0), problem.projections[:, taken]
+        values, axes = np.linalg.eigh(gram)
+        seen = values > LEVEL_ROUNDING * values[-1]
+        size, axes = np.sqrt(values[seen])[:, None], axes[:, seen].T
+        level = TreeLevel(gram, size * axes, axes / size, float(problem.energies[taken].sum()))
         tried = [(*node.signs, *more) for node in pool for more in product(*choices[len(node.signs) : k])]
-        found = [solve(level, members @ np.array(signs))._replace(signs=signs) for signs in tried]
-        nodes, spent = nodes + len(found), spent + sum(node.evaluations for node in found)
-        pool = sorted(found, key=lambda node: node.loss)[:width]
+        solved = [solve(level, right @ np.array(signs))._replace(signs=signs) for signs in tried]
+        nodes, spent = nodes + len(solved), spent + sum(node.evaluations for node in solved)
+        pool = sorted(solved, key=lambda node: node.loss)[:width]
         if progress is not None:
             progress("growing the tree of signs", k / len(order))
     return pool[0]._replace(evaluations=spent), nodes
@@ -192,14 +197,6 @@ def in_place(signs: Sequence[float], order: Indices) -> Array:
     out = np.empty(len(order))
     out[order] = signs
     return out
-
-
-def _tree_level(problem: SignProblem, members: Indices) -> TreeLevel:
-    gram = problem.grams[members].sum(0)
-    values, axes = np.linalg.eigh(gram)
-    seen = values > LEVEL_ROUNDING * values[-1]
-    size, axes = np.sqrt(values[seen])[:, None], axes[:, seen].T
-    return TreeLevel(gram, size * axes, axes / size, float(problem.energies[members].sum()))
 
 
 def search_tree(
