@@ -1,4 +1,4 @@
-"""Deflection of a link on a damped spring along a motion."""
+"""Deflection of a link along a motion: on a damped spring, or in free flight and contact between two stops."""
 
 from __future__ import annotations
 

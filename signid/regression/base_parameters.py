@@ -1,4 +1,4 @@
-"""Regressor -> base parameters: the combinations of standard parameters that the torque depends on."""
+"""Regressor -> base parameters: combinations of standard parameters that torque depends on, and their covariance."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Read URDF: Pinocchio builds the model from links and joints alone, without meshes, materials or plug-in tags."""
+"""Read URDF: Pinocchio builds the model from links and joints alone, without meshes, materials or plug-in tags.
+
+`urdf_from_dh` writes it from a table of Denavit-Hartenberg parameters.
+"""
 
 from __future__ import annotations
 

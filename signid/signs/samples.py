@@ -1,4 +1,4 @@
-"""Signs of samples: a Markov chain on the thinned grid, and jumps and expected signs at full rate."""
+"""Signs of samples: a Markov chain on the thinned grid, jumps and expected signs at full rate, a sign for each row."""
 
 from __future__ import annotations
 
