@@ -19,9 +19,8 @@ from .estimation.standard import STANDARD_METHODS, Search, choose_in_time
 from .faults import IdentifiedData, described_evidence, identification_flags, naming_faults, under_found_gravity
 from .model import Model, ModelSource, fitted_model, stated_parameters
 from .recording import Recordings, as_recordings
-from .regression.covariance import base_covariance, measure_misfit
-from .regression.factors import LAGS, Factors, Weigh
-from .regression.lacking import Lack
+from .regression.base_parameters import base_covariance
+from .regression.factors import LAGS, Factors, Lack, Weigh, measure_misfit
 from .regression.rows import Rows
 from .regression.session import SELF_EVALUATION_NOTE, Options, Session, only_once, prepare, recordings_used
 from .robot import as_robot, audit, described_gravity

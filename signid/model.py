@@ -20,7 +20,8 @@ from .effects.naming import check_signs, law_at, law_name, law_place, parse_law
 from .effects.packing import MOTOR_FRICTION, drive_laws, motor_friction, packed_drives
 from .errors import OptionError, RobotError, SignidError, shorten, unexpected
 from .frozen import show_with
-from .regression.covariance import Covariance, Misfit, from_lower_triangle, lower_triangle, read_covariance, read_misfit
+from .regression.base_parameters import Covariance, from_lower_triangle, lower_triangle, read_covariance
+from .regression.factors import Misfit, read_misfit
 from .regression.joint_dynamics import JointDynamics
 from .regression.motion import Motion
 from .regression.rows import Task

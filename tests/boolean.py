@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import given, strategies as st
 from scipy.optimize import nnls
 
-from signid.signs.search.problem import SignProblem, eliminate
+from signid.signs.problem import SignProblem, eliminate
 from signid.types import Array
 
 CLOSE = 1e-9  # share of the total energy

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from signid.signs.exact import RivalSigns
 from signid.signs.observations import Observations
+from signid.signs.problem import SignProblem
 from signid.signs.samples import RefinedSigns
-from signid.signs.search.exact import RivalSigns
-from signid.signs.search.problem import SignProblem
 from signid.types import Array
 
 LAWS = {0: ("coulomb_friction", 0), 1: ("viscous_friction", 0), 2: ("torque_offset", 0)}

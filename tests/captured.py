@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from signid.effects import EFFECT_NAMES, EFFECTS
-from signid.estimation.feasible.fit import feasible_prior, inertial
+from signid.estimation.feasible import feasible_prior, inertial
 from signid.regression.base_parameters import build_base
 from signid.regression.motion import Motion, regressor
 from signid.robot import load_robot

@@ -12,9 +12,8 @@ from arm import smooth_motion, turned
 from printed import known, printed
 from scipy.integrate import solve_ivp
 
-from signid.effects.base import FUNCTIONS, ActuatorLaw, BodyLaw, Effect, RecordingLaw, TorqueLaw, TransmissionLaw
+from signid.effects.base import FUNCTIONS, ActuatorLaw, BodyLaw, Effect, RecordingLaw, TorqueLaw, TransmissionLaw, Trial
 from signid.effects.law import law_columns, law_torque
-from signid.effects.trial import Trial
 from signid.regression.motion import Motion
 from signid.robot.dynamics import own_body, own_row
 from signid.types import Array, Law

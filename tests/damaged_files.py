@@ -22,14 +22,14 @@ from scipy.io import savemat
 import signid
 from signid.cli.fleet.manifest import read_manifest
 from signid.errors import SignidError
-from signid.estimation.pbrp.cost import Bounds, read_bounds
+from signid.estimation.pbrp import Bounds, read_bounds
 from signid.output.replay.marks import read_found
 from signid.recording import read_recording
 from signid.recording.formats import find_format
 from signid.recording.mapping import ColumnMap
 from signid.recording.sampling import survey
-from signid.robot.actuators import state_actuators
-from signid.robot.description import sandbox
+from signid.robot import sandbox
+from signid.robot.load import state_actuators
 from signid.simulation.plant import read_motion
 from signid.types import Robot
 

@@ -14,9 +14,8 @@ from scipy.ndimage import minimum_filter1d
 from scipy.optimize import minimize
 
 from signid.effects import EFFECTS
-from signid.effects.base import Effect, RecordingLaw
+from signid.effects.base import Effect, RecordingLaw, Trial
 from signid.effects.law import coefficient_count, hypotheses, law_columns
-from signid.effects.trial import Trial
 from signid.model import Model, stated_inertials
 from signid.regression.bandwidth import Band, Decimator, choose_band
 from signid.regression.motion import Motion, build_motion

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from signid.errors import OptionError
-from signid.signs.search.problem import SignProblem
+from signid.signs.problem import SignProblem
 from signid.signs.tree import LEVEL_ROUNDING, TREE_WIDTH, TreeLevel, TreeNode, TreeResult, grow, in_place
 from signid.types import Array, Indices
 

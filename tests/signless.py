@@ -13,7 +13,7 @@ from signid.recording import read_recording
 from signid.regression.rows import Task
 from signid.regression.session import Options, prepare
 from signid.signs.observations import Observations, observe, threshold_runs
-from signid.signs.search.problem import Segment, build_sign_problem, orthonormalise
+from signid.signs.problem import Segment, build_sign_problem, orthonormalise
 from signid.types import Array
 
 

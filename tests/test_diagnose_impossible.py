@@ -15,8 +15,8 @@ from signid.diagnose.data.hypotheses import Hypothesis, finite
 from signid.diagnose.data.noise import measure_noise
 from signid.diagnose.extend.extend import has_possible_numbers, move_bodies
 from signid.effects import EFFECTS
+from signid.effects.base import Trial
 from signid.effects.bodies import body_inertia
-from signid.effects.trial import Trial
 from signid.model import Model, stated_inertials
 from signid.regression.motion import Motion
 from signid.types import Array, Law

@@ -20,8 +20,7 @@ from signid.diagnose.extend.holdout import predict
 from signid.diagnose.findings.held_out_selection import ExtendedSimulation
 from signid.diagnose.findings.stated import stated_number_findings
 from signid.model import Model
-from signid.regression.base_parameters import build_base
-from signid.regression.covariance import base_covariance
+from signid.regression.base_parameters import base_covariance, build_base
 from signid.types import Law
 
 LIGHTER = 0.7  # of the mass of a link, and of all its inertia

@@ -15,7 +15,7 @@ import signid
 from signid.diagnose.data.noise import Noise, noise_of_misfit
 from signid.identify import Identification
 from signid.model import Model, load_model
-from signid.regression.covariance import Misfit, read_misfit
+from signid.regression.factors import Misfit, read_misfit
 from signid.types import Array, Robot
 
 RATE, SECONDS = 100.0, 30.0

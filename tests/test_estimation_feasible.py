@@ -11,8 +11,8 @@ import pytest
 from captured import Captured, captured
 from numpy.testing import assert_allclose
 
-from signid.estimation.feasible import ConsistentFit, fit as solver, fit_consistent, standard_from_base
-from signid.estimation.feasible.fit import feasible_prior, inertial, pack
+from signid.estimation import feasible as solver
+from signid.estimation.feasible import ConsistentFit, feasible_prior, fit_consistent, inertial, pack, standard_from_base
 from signid.types import Estimate, pseudo_inertia
 
 

@@ -10,10 +10,8 @@ from captured import Captured, captured
 from numpy.testing import assert_allclose
 
 from signid.errors import OptionError
-from signid.estimation.feasible import fit_consistent
-from signid.estimation.feasible.fit import inertial
-from signid.estimation.pbrp import Bounds, Retrieval, bounds_around, read_bounds, retrieve
-from signid.estimation.pbrp.cost import physics_of
+from signid.estimation.feasible import fit_consistent, inertial
+from signid.estimation.pbrp import Bounds, Retrieval, bounds_around, physics_of, read_bounds, retrieve
 from signid.types import Parameters
 
 LINKS = ("link_1", "link_2", "link_3")

@@ -19,9 +19,8 @@ from numpy.testing import assert_allclose
 import signid
 from signid.cli import run
 from signid.effects import EFFECTS
-from signid.effects.base import BodyLaw, TorqueLaw
+from signid.effects.base import BodyLaw, TorqueLaw, Trial
 from signid.effects.naming import law_at
-from signid.effects.trial import Trial
 from signid.errors import RobotError
 from signid.model import Model, load_model
 from signid.output.export import export

@@ -8,7 +8,7 @@ from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.testing import assert_allclose
 
-from signid.estimation.feasible.fit import TO_INERTIAL, pack
+from signid.estimation.feasible import TO_INERTIAL, pack
 from signid.types import INERTIAL, INERTIAL_UNITS, Array, Label, Parameters, pseudo_inertia
 
 LABELS = tuple(Label(name, unit, body=0) for name, unit in zip(INERTIAL, INERTIAL_UNITS, strict=True))

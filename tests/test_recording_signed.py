@@ -15,7 +15,7 @@ from test_recording_formats import refusal
 from signid.errors import RecordingError
 from signid.recording import read_recording, with_signs
 from signid.recording.sampling import Sampling, samples, split, survey
-from signid.signs.rows_of_file import signs_of_rows
+from signid.signs.samples import signs_of_rows
 from signid.types import Recording
 
 Columns = dict[str, np.ndarray]
@@ -86,7 +86,7 @@ def usable(sampling: Sampling, rows: int) -> np.ndarray:
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("chunk", [65_536, 97])
 def test_signs_reach_every_row(case: str, chunk: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys.modules["signid.signs.rows_of_file"], "CHUNK_ROWS", chunk)
+    monkeypatch.setattr(sys.modules["signid.signs.samples"], "CHUNK_ROWS", chunk)
     columns = CASES[case]()
     recording, sampling = absolute(columns)
     signs = signs_of_rows(recording, sampling, *kept(recording, sampling))

@@ -12,7 +12,7 @@ from motions import trial
 import signid
 from signid.identify import Identification
 from signid.output.report.results.identification import identification_document, identified_numbers
-from signid.regression.lacking import Lack
+from signid.regression.factors import Lack
 from signid.regression.session import Options
 from signid.types import Robot
 

@@ -11,7 +11,7 @@ from bad_input import BOMB
 import signid
 from signid.cli import run
 from signid.errors import RobotError
-from signid.robot.description import xacro_strict
+from signid.robot import xacro_strict
 
 HEAD = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">'
 ENTITY = f'<!DOCTYPE r [<!ENTITY a "x">]>{HEAD}<link name="&a;"/></robot>'

@@ -11,7 +11,7 @@ from toys import joint, link, toy, urdf
 
 from signid.errors import RobotError
 from signid.robot import load_robot, robot_from_text
-from signid.robot.description.document import MAX_MAGNITUDE, MAX_MOVING_JOINTS
+from signid.robot.document import MAX_MAGNITUDE, MAX_MOVING_JOINTS
 from signid.robot.dynamics import check_masses
 
 ROOT = Path(__file__).parents[1]
@@ -100,7 +100,7 @@ def test_devices_pipes_and_giants_are_not_read(tmp_path: Path, monkeypatch: pyte
         load_robot(tmp_path / "r.xml")
     with pytest.raises(RobotError, match="pipe.xml"):
         load_robot(tmp_path / "pipe.xml")
-    monkeypatch.setattr("signid.robot.description.document.MAX_FILE_BYTES", 10)
+    monkeypatch.setattr("signid.robot.document.MAX_FILE_BYTES", 10)
     with pytest.raises(RobotError, match="more than 0 MB"):
         load_robot("3r")
 

@@ -316,7 +316,7 @@ BOMBS: dict[str, tuple[dict[str, str | bytes], str]] = {
 
 @pytest.mark.parametrize("bomb", BOMBS)
 def test_work_is_bounded_before_it_begins(bomb: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("signid.robot.description.mjcf.restricted", lambda *_: pytest.fail("MuJoCo was started"))
+    monkeypatch.setattr("signid.robot.mjcf.restricted", lambda *_: pytest.fail("MuJoCo was started"))
     files, sentence = BOMBS[bomb]
     with pytest.raises(RobotError, match=sentence):
         load_robot(written(files, tmp_path))
@@ -324,6 +324,6 @@ def test_work_is_bounded_before_it_begins(bomb: str, tmp_path: Path, monkeypatch
 
 def test_an_end_of_the_compiler_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "ends.py").write_text("import os; os._exit(134)")
-    monkeypatch.setattr("signid.robot.description.sandbox.__file__", str(tmp_path / "ends.py"))
+    monkeypatch.setattr("signid.robot.sandbox.__file__", str(tmp_path / "ends.py"))
     with pytest.raises(RobotError, match="MuJoCo cannot compile it: it needs too much time or memory"):
         robot_from_text(ARM.replace("shoulder", "another"), "mjcf", "x")

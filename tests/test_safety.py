@@ -17,8 +17,8 @@ from toys import refused
 import signid
 from signid.errors import RecordingError
 from signid.output.export import export
-from signid.robot.description.sandbox import may_read
 from signid.robot.locate import find_mesh
+from signid.robot.sandbox import may_read
 from signid.simulation.excite.limits import build_collision, build_limits
 
 HERE = Path(__file__).parents[1]

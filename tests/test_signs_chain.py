@@ -10,8 +10,8 @@ import pytest
 from signless import Lost, lost
 
 from signid.signs.infer import inflation
+from signid.signs.problem import Segment
 from signid.signs.samples import expected_signs, likeliest_signs, refine_signs
-from signid.signs.search.problem import Segment
 from signid.types import Array
 
 SEEDS = (0, 1, 2)

@@ -11,10 +11,10 @@ import pinocchio as pin
 import pytest
 from signless import Lost, lost
 
+from signid.signs import exact
+from signid.signs.branch_and_bound import PhysicalCone, cone_inequalities, kinetic_rows
 from signid.signs.observations import law_coefficients
-from signid.signs.search import exact
-from signid.signs.search.branch_and_bound import PhysicalCone, cone_inequalities, kinetic_rows
-from signid.signs.search.problem import SignProblem, build_sign_problem
+from signid.signs.problem import SignProblem, build_sign_problem
 from signid.types import Array
 
 

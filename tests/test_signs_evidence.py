@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from by_hand import INERTIA, LAWS, observations, problem, refined, rivals
 
+from signid.signs.branch_and_bound import PhysicalCone
 from signid.signs.infer import SegmentSearch, apply_signs, joint_flip_probability, recheck_signs, sign_confidence
 from signid.signs.observations import Segment, place_sign_changes
+from signid.signs.problem import friction_patterns, friction_prior, known_rows
 from signid.signs.samples import RefinedSigns
-from signid.signs.search.branch_and_bound import PhysicalCone
-from signid.signs.search.problem import friction_patterns, friction_prior, known_rows
 
 
 def test_a_rival_nine_times_less_probable_leaves_nine_tenths() -> None:

@@ -7,9 +7,9 @@ import pytest
 from boolean import CLOSE, Facets, drawn, every, half, losses, problems
 from numpy.testing import assert_allclose, assert_array_equal
 
-from signid.signs.search.branch_and_bound import TreeBudget
-from signid.signs.search.exact import enumerate_near, search_signs
-from signid.signs.search.problem import SignProblem, eliminate
+from signid.signs.branch_and_bound import TreeBudget
+from signid.signs.exact import enumerate_near, search_signs
+from signid.signs.problem import SignProblem, eliminate
 from signid.types import Array
 
 

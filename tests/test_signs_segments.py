@@ -7,7 +7,7 @@ import pytest
 
 from signid.errors import RecordingError
 from signid.signs.observations import Observations, runs_between_minima, split_impure, threshold_runs
-from signid.signs.search.problem import Segment
+from signid.signs.problem import Segment
 from signid.types import Array, Mask
 
 PERIOD = 0.01  # s

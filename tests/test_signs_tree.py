@@ -18,7 +18,7 @@ from signid.regression.base_parameters import build_base
 from signid.regression.motion import Motion, base_rows, regressor
 from signid.robot import load_robot
 from signid.signs.observations import Observations, threshold_runs
-from signid.signs.search.problem import KnownRows, SignProblem, build_sign_problem, eliminate
+from signid.signs.problem import KnownRows, SignProblem, build_sign_problem, eliminate
 from signid.signs.tree import condition_order, search_tree
 from signid.types import Array, BaseMap, Parameters
 

@@ -14,8 +14,7 @@ from numpy.testing import assert_allclose, assert_array_less
 
 import signid
 from signid.effects import EFFECTS
-from signid.effects.base import RecordingLaw
-from signid.effects.trial import Trial
+from signid.effects.base import RecordingLaw, Trial
 from signid.errors import OptionError, RecordingError
 from signid.model import Model, load_model, stated_inertials
 from signid.regression.motion import Motion

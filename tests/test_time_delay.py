@@ -13,8 +13,8 @@ from numpy.testing import assert_allclose
 import signid
 from signid.cli import run
 from signid.effects import EFFECTS
+from signid.effects.base import Trial
 from signid.effects.naming import parse_law
-from signid.effects.trial import Trial
 from signid.identify import Identification
 from signid.types import Array
 

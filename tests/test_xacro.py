@@ -13,8 +13,8 @@ from bad_input import JOINT, LINKS
 from toys import refused
 
 import signid
-from signid.robot.description import sandbox
-from signid.robot.description.document import read_document
+from signid.robot import sandbox
+from signid.robot.document import read_document
 
 HERE = Path(__file__).parents[1]
 SECRET = "<robot name='secret'/>"

@@ -4,7 +4,7 @@ import numpy as np
 
 from ..types import Array, Shape, View
 from .base import TransmissionLaw
-from .flight import fly
+from .oscillation import fly
 
 STOP_FREQUENCY = 500.0  # [rad/s] natural frequency of the link on its critically damped stops
 

@@ -6,12 +6,12 @@ command -> ActuatorLaw -> TorqueLaw, BodyLaw, TransmissionLaw (physics) -> Recor
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
 from ..types import Array, Effect as Effect, View
-from .trial import Trial
 
 Kind = TypeVar("Kind", bound="Effect")
 Numbers = Mapping[str, float]
@@ -20,6 +20,31 @@ FUNCTIONS = (  # names of NumPy that an equation may use, beside norm
     "interp"
 ).split()
 INVERSION_ITERATIONS = 12  # fixed-point iterations that invert a recording law
+
+
+@dataclass(slots=True, eq=False)
+class Trial:
+    """A View of given values; zero where none is given."""
+
+    q: Any = 0.0  # (..., m) [rad or m]
+    v: Any = 0.0  # (..., m) [rad/s or m/s]
+    _: KW_ONLY
+    a: Any = 0.0  # (..., m) [rad/s2 or m/s2]
+    load: Any = 0.0  # (..., m) [N.m or N]
+    direction: Any = 0.0  # (..., m) [1]
+    inertia: Any = 0.0  # (..., m) [kg.m2 or kg]
+    torque: Any = 0.0  # (..., m) [N.m or N]
+    recorded: Any = 0.0  # (..., m) [N.m or N]
+    t: Any = 0.0  # (..., 1) [s]
+    dt: float = 0.0
+    origin: float = 0.0  # [s]
+    joints: tuple[int, ...] = ()
+    whole: Any = None
+
+    def __getitem__(self, i: Any) -> Trial:
+        """Index the leading axis of all arrays."""
+        values = {name: getattr(self, name) for name in self.__slots__}
+        return Trial(**{name: x[i] if getattr(x, "ndim", 0) else x for name, x in values.items()})
 
 
 class TorqueLaw(Effect):

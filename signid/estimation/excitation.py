@@ -46,17 +46,17 @@ class ExcitationVerdict(Frozen):
         """Reasons for insufficient excitation, with advice; empty if it is sufficient."""
         if self.sufficient:
             return ()
-        found = []
+        sentences = []
         if self.resting:
             them = "it" if len(self.resting) == 1 else "them"
-            found.append(f"{_joints(self.resting)} did not move: move {them}, or hold with --lock")
-        found += [f"{_joints(group)} moved in step: move them out of step" for group in self.in_step]
-        found.append(
+            sentences.append(f"{_joints(self.resting)} did not move: move {them}, or hold with --lock")
+        sentences += [f"{_joints(group)} moved in step: move them out of step" for group in self.in_step]
+        sentences.append(
             f"the motion gives {max(self.shares[0], 0):.2%} of the information of random motion of the same size (at "
             f"least {MIN_INFO:.0%} is needed): {_join_names(self.unidentified)} cannot be identified; record a motion "
             f"by signid excite"
         )
-        return tuple(map(named_for_caller, found))
+        return tuple(map(named_for_caller, sentences))
 
 
 def judge_excitation(task: Task, factors: Factors, estimated: Estimate, seed: int = 0) -> ExcitationVerdict:
@@ -90,7 +90,10 @@ def judge_excitation(task: Task, factors: Factors, estimated: Estimate, seed: in
     directions = np.linalg.solve(root.T, vectors)
     torque = np.array([np.sqrt(f.whole[-1, -1] / max(f.rows, 1)) for f in factors.joints])
     prior = _prior_sizes(robot, base, torque, speed)
-    weak = [_leading_indices(directions[:, k] / size / prior) for k in np.flatnonzero(shares < MIN_INFO)]
+    weak = []  # the leading base parameters of each weak direction, three at most
+    for direction in (directions[:, k] / size / prior for k in np.flatnonzero(shares < MIN_INFO)):
+        order = np.argsort(-np.abs(direction))[:3]
+        weak.append([int(i) for i in order if abs(direction[i]) > 0.1 * abs(direction[order[0]])])
     uncertain = estimated.std > prior
     resting = np.flatnonzero((speed <= MAX_REST * speed.max(initial=1e-300)) & (speed.max() > 0))
     return ExcitationVerdict(
@@ -137,11 +140,6 @@ def _random_information(
         seen = task.seen(j)
         out[np.ix_(seen, seen)] += weight[j] * factors.joints[j].rows / RANDOM_STATES * x.T @ x
     return out
-
-
-def _leading_indices(direction: Array, count: int = 3) -> tuple[int, ...]:
-    order = np.argsort(-np.abs(direction))[:count]
-    return tuple(int(i) for i in order if abs(direction[i]) > 0.1 * abs(direction[order[0]]))
 
 
 def _in_words(robot: Robot, base: BaseMap, which: Iterable[int]) -> tuple[str, ...]:

@@ -59,19 +59,19 @@ class Fit(Result):
     @property
     def sentences(self) -> tuple[str, ...]:
         """A sentence on each joint whose torque is poorly predicted, or whose held-out torque is constant."""
-        found = []
+        sentences = []
         for joint, rms, r2 in zip(self.joints, self.held_out_rms, self.held_out_r2, strict=True):
             if r2 < MIN_R2:
-                found.append(
+                sentences.append(
                     f"the model predicts little of the torque of {joint} (held-out R2 {r2:.2f}): it lacks an effect "
                     f"there, or the torque does not belong to this motion; run signid check and signid diagnose"
                 )
             elif np.isfinite(rms) and np.isnan(r2):
-                found.append(
+                sentences.append(
                     f"the held-out torque of {joint} is constant, so it has no R2; hold out a recording in which the "
                     f"robot moves"
                 )
-        return tuple(found)
+        return tuple(sentences)
 
 
 def judge_fit(session: Session, train: Factors, test: Factors, base_value: Array) -> Fit:

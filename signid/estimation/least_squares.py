@@ -256,11 +256,11 @@ def with_spread(found: Estimate, factors: Factors, base: BaseMap, whiten: bool =
         return found
     from .repeats import spread_between, spread_covariance  # imported here, because most fits are of one recording
 
-    alone = [estimate(one, base, found.value, whiten) for _, one in factors.parts]
+    alone = [estimate(part, base, found.value, whiten) for _, part in factors.parts]
     values, variances = (np.array(x) for x in zip(*((x.value, np.diag(x.covariance)) for x in alone), strict=True))
     spread = spread_between(values, variances)
     noise = [_Noise(0, np.array([size**2])) for size in found.noise]
-    parts = np.array([_solve_weighted(one, noise, found.value).information for _, one in factors.parts])
+    parts = np.array([_solve_weighted(part, noise, found.value).information for _, part in factors.parts])
     added = spread_covariance(spread, parts, _solve_weighted(factors, noise, found.value).inverse)
     return replace(found, covariance=found.covariance + added, spread=spread)
 
@@ -276,15 +276,15 @@ def _plain_gram(gram: Array, columns: Indices) -> Array:
 
 def _first_noise(factors: Factors) -> list[_Noise]:
     """White noise of the size of each joint's own least-squares residual."""
-    found = []
+    noise = []
     for joint, columns in _joint_columns(factors):
         gram = _plain_gram(joint.grams[0], columns)
         size = np.sqrt(np.maximum(np.diag(gram)[:-1], 1e-300))
         inverse = np.linalg.pinv(gram[:-1, :-1] / np.outer(size, size), rcond=MIN_EIGENVALUE, hermitian=True)
         rest = gram[-1, -1] - (gram[:-1, -1] / size) @ inverse @ (gram[:-1, -1] / size)
         variance = max(float(rest), _min_noise_share(joint, columns) * gram[-1, -1], 1e-300) / max(joint.counts[0], 1)
-        found.append(_Noise(0, variance * (np.arange(len(joint.grams)) == 0)))
-    return found
+        noise.append(_Noise(0, variance * (np.arange(len(joint.grams)) == 0)))
+    return noise
 
 
 def _min_noise_share(joint: JointFactors, columns: Indices) -> float:

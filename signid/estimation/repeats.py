@@ -93,22 +93,22 @@ def varying_numbers(robot: Robot, base: BaseMap, laws: Sequence[Law], spread: Ar
 
     spread: (b,) standard deviation between recordings [units of base].
     """
-    found = list[VaryingNumber]()
+    numbers = list[VaryingNumber]()
     for k in np.flatnonzero(spread).tolist():
         effect, joint, parameter = None, None, base.expressions[k]
         label = base.labels[lead := int(base.independent[k])]
         if label.law is not None and np.count_nonzero(base.combination[k]) == 1:
             law = laws[label.law]
             if type(law.effect).physical is Effect.physical:  # the parameters are the coefficients
-                own = [i for i, other in enumerate(base.labels) if other.law == label.law]
-                effect, parameter = law.effect.name, [*law.effect.linear()][own.index(lead)]
+                coefficients = [i for i, other in enumerate(base.labels) if other.law == label.law]
+                effect, parameter = law.effect.name, [*law.effect.linear()][coefficients.index(lead)]
                 joint = robot.joints[law.joints[0]]
-        found.append(VaryingNumber(effect, joint, parameter, float(spread[k]), base.units[k]))
-    return tuple(found)
+        numbers.append(VaryingNumber(effect, joint, parameter, float(spread[k]), base.units[k]))
+    return tuple(numbers)
 
 
 def varying_sentence(varies: Sequence[VaryingNumber]) -> tuple[str, ...]:
     """One sentence on the numbers that differ between recordings; none without any."""
-    listed = shorten([one.words for one in varies], 4)
+    listed = shorten([number.words for number in varies], 4)
     said = "between recordings more than within them, and the intervals contain it (standard deviation)"
     return (f"these numbers vary {said}: {listed}",) * bool(varies)

@@ -55,7 +55,7 @@ def choose_standard(session: Session, found: Estimate, method: str, search: Sear
     box = bounds_around(base, found, prior)
     if search.bounds is not None:
         box = read_bounds(search.bounds, session.robot.links, box)
-    got = retrieve(
+    pbrp = retrieve(
         base,
         found,
         prior,
@@ -65,10 +65,10 @@ def choose_standard(session: Session, found: Estimate, method: str, search: Sear
         total_mass=search.total_mass,
         seed=seed,
     )
-    moves = np.abs(base.combination @ got.parameters.values - found.value) / found.std
-    flags = [] if got.best.feasible else ["retrieval found no physically feasible parameters; use --method convex"]
-    flags += [] if got.best.converged else ["retrieval spent its budget before it converged; use --method convex"]
-    return Standard(got.parameters, float(np.max(moves)), got.notes, tuple(flags))
+    moves = np.abs(base.combination @ pbrp.parameters.values - found.value) / found.std
+    flags = [] if pbrp.best.feasible else ["retrieval found no physically feasible parameters; use --method convex"]
+    flags += [] if pbrp.best.converged else ["retrieval spent its budget before it converged; use --method convex"]
+    return Standard(pbrp.parameters, float(np.max(moves)), pbrp.notes, tuple(flags))
 
 
 def choose_in_time(

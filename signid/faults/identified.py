@@ -16,8 +16,7 @@ from ..estimation.excitation import ExcitationVerdict
 from ..estimation.fit_quality import MIN_R2, Fit, judge_fit
 from ..model import Model, stated_parameters
 from ..recording.sampling import select_stretches
-from ..regression.factors import Factors
-from ..regression.lacking import Lack, find_lacks
+from ..regression.factors import Factors, Lack, find_lacks
 from ..regression.projection import least_squares
 from ..regression.rows import Rows, Task, read_rows
 from ..regression.session import Options, Session, prepare

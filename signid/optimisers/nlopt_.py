@@ -8,7 +8,7 @@ import nlopt
 import numpy as np
 
 from ..types import Array
-from .base import Optimiser, Optimum, Problem, Status, Watch
+from . import Optimiser, Optimum, Problem, Status, Watch
 
 _ALGORITHM_PREFIXES = ("GN_", "GD_", "LN_", "LD_", "G_", "AUGLAG")
 _LIMIT_CODES = (nlopt.MAXEVAL_REACHED, nlopt.MAXTIME_REACHED, nlopt.FORCED_STOP)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..robot.description.document import children
+from ..robot.document import children
 from ..types import Array
 
 

@@ -135,8 +135,8 @@ class JointDynamics(Result):
                 without drives, or a simulation that cannot be made or diverges.
         """
         simulate_batch: Any = import_module(SIMULATION_MODULE, __package__).simulate_batch
-        found: Simulated = simulate_batch(self, t, (q, v), torque, commands, step)
-        return found
+        simulated: Simulated = simulate_batch(self, t, (q, v), torque, commands, step)
+        return simulated
 
     def without(self, *effects: str) -> Self:
         """Model without its laws of these effects: `model.without("backlash")`.
@@ -159,16 +159,16 @@ def rows_of(robot: Robot, verb: str, **given: ArrayLike) -> tuple[list[Array], t
         OptionError: another shape, or a number that is not finite.
     """
     n, first = len(robot.joints), next(iter(given))
-    found = {name: numbers_of(verb, name, x) for name, x in given.items()}
-    for name, x in found.items():
+    signals = {name: numbers_of(verb, name, x) for name, x in given.items()}
+    for name, x in signals.items():
         if x.shape[-1:] != (n,) and (x.ndim or name == first):
             raise OptionError(
                 f"{verb}: {name} has the shape {x.shape}; give (..., {n}), the joints {shorten(robot.joints)} last"
             )
     try:
-        whole = np.broadcast_arrays(*found.values())
+        whole = np.broadcast_arrays(*signals.values())
     except ValueError:
-        shapes = ", ".join(f"{name} {x.shape}" for name, x in found.items())
+        shapes = ", ".join(f"{name} {x.shape}" for name, x in signals.items())
         raise OptionError(f"{verb}: the shapes {shapes} differ; give the same rows for all") from None
     return [x.reshape(-1, n) for x in whole], whole[0].shape[:-1]
 
@@ -180,10 +180,10 @@ def numbers_of(verb: str, name: str, given: ArrayLike) -> Array:
         OptionError: it is not; the sentence names the verb and the argument.
     """
     try:
-        found = np.asarray(given).astype(float, casting="same_kind")
+        array = np.asarray(given).astype(float, casting="same_kind")
     except (TypeError, ValueError):
         raise OptionError(f"{verb}: {name} is no array of numbers ({type(given).__name__})") from None
-    if not np.isfinite(found).all():
-        place = tuple(map(int, np.argwhere(~np.isfinite(found))[0]))
-        raise OptionError(f"{verb}: {name} is {found[place]}{f' at {list(place)}' * bool(place)}; give finite numbers")
-    return found
+    if not np.isfinite(array).all():
+        place = tuple(map(int, np.argwhere(~np.isfinite(array))[0]))
+        raise OptionError(f"{verb}: {name} is {array[place]}{f' at {list(place)}' * bool(place)}; give finite numbers")
+    return array

@@ -278,7 +278,7 @@ def regressor(motion: Motion, laws: Sequence[Law] = ()) -> Array:
 
 def labels(robot: Robot, laws: Sequence[Law] = ()) -> tuple[Label, ...]:
     """Label of each standard parameter: bodies by their index in the model (from 1), laws by their joint's number."""
-    found = [
+    result = [
         Label(f"{name}_{body + 1}", unit, body=body)
         for body in range(len(robot.links))
         for name, unit in zip(INERTIAL, INERTIAL_UNITS, strict=True)
@@ -290,8 +290,8 @@ def labels(robot: Robot, laws: Sequence[Law] = ()) -> tuple[Label, ...]:
             name = law.effect.name if len(coefficients) == 1 else f"{law.effect.name}.{key}"
             joint = law.joints[0]
             unit = coefficient.unit_at(bool(robot.prismatic[joint]))
-            found.append(Label(f"{name}_{where}", unit, law=k, joint=joint, positive=coefficient.positive))
-    return tuple(found)
+            result.append(Label(f"{name}_{where}", unit, law=k, joint=joint, positive=coefficient.positive))
+    return tuple(result)
 
 
 def base_rows(

@@ -79,7 +79,11 @@ def read_rows(task: Task, recording: Recording, sampling: Sampling) -> Iterator[
     Source: parallel filtering: Gautier, IEEE ICRA 1997; Khalil, Dombre, Modeling, Identification and Control of
     Robots, 2002, section 12.6.
     """
-    grid = _grid(task)
+    thin, sparse = task.band.decimator(), task.band.decimator(task.parts)
+    reach = consumed(task.band, task.recorded_derivatives)
+    block = lcm(thin.block, sparse.block)
+    size = max(MIN_WINDOW_SAMPLES, 8 * reach) // (block * thin.factor) + 1
+    grid = _Grid(thin, sparse, task.parts, reach, size * block)
     for first, window in grid.read(recording, sampling):
         yield _window_rows(task, window, sampling.period, grid, first)
 
@@ -124,14 +128,6 @@ def consumed(band: Band, recorded_derivatives: bool = False) -> int:
     return 2 * (margin(band, recorded_derivatives) + len(band.taps) // 2)
 
 
-def _grid(task: Task) -> _Grid:
-    thin, sparse = task.band.decimator(), task.band.decimator(task.parts)
-    reach = consumed(task.band, task.recorded_derivatives)
-    block = lcm(thin.block, sparse.block)
-    size = max(MIN_WINDOW_SAMPLES, 8 * reach) // (block * thin.factor) + 1
-    return _Grid(thin, sparse, task.parts, reach, size * block)
-
-
 def _window_rows(task: Task, window: Samples, period: float, grid: _Grid, first: bool) -> Rows:
     thin, instruments = grid.thin, None
     motion = build_motion(task.robot, window, task.band, period, task.recorded_derivatives, task.slow)
@@ -145,7 +141,12 @@ def _window_rows(task: Task, window: Samples, period: float, grid: _Grid, first:
     torque = np.where(known, motion.recorded, 0.0)
     slope = np.gradient(torque, period, axis=0) if len(torque) > 1 else np.zeros_like(torque)
     torque, slope, v, a = np.split(thin(np.concatenate([torque, slope, motion.v, motion.a], axis=1)), 4, axis=1)
-    t, q, steady = thin.at(motion.t), thin.at(motion.q), thin.at(_steady(task, motion))
+    far = np.array(task.reach)
+    moving = np.empty(motion.v.shape, bool)
+    for reach in np.unique(far):
+        here = far == reach
+        moving[:, here] = away_from_reversals(motion.v[:, here], int(reach), task.slow[here])
+    t, q, steady = thin.at(motion.t), thin.at(motion.q), thin.at(np.asarray(moving | ~np.array(task.reverses)))
     return Rows(first, t, q, v, a, columns, torque, slope, known, steady, instruments)
 
 
@@ -157,15 +158,6 @@ def choose_reach(motions: Sequence[Motion], band: Band, slow: Array) -> tuple[in
     away = [np.concatenate([away_from_reversals(motion.v, reach, slow) for motion in motions]) for reach in reaches]
     enough = np.mean(away, axis=1) >= MIN_ROW_SHARE  # (reaches, n)
     return tuple(reaches[int(np.argmax(joint))] if joint.any() else reaches[-1] for joint in enough.T)
-
-
-def _steady(task: Task, motion: Motion) -> Mask:
-    far = np.array(task.reach)
-    moving = np.empty(motion.v.shape, bool)
-    for reach in np.unique(far):
-        here = far == reach
-        moving[:, here] = away_from_reversals(motion.v[:, here], int(reach), task.slow[here])
-    return np.asarray(moving | ~np.array(task.reverses))
 
 
 def away_from_reversals(v: Array, reach: int, slow: Array) -> Mask:

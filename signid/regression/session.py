@@ -124,8 +124,8 @@ class Session(Frozen):
         Raises:
             RecordingError: every stretch of the recordings is shorter than the filter.
         """
-        each = [(p, reduce_rows(self.task, _rows_of_part(self.task, p, progress, purpose), lags, weigh)) for p in parts]
-        found = [replace(one, parts=((part[0].sha256, one),)) for part, one in each if one.rows]
+        sums = [(p, reduce_rows(self.task, _rows_of_part(self.task, p, progress, purpose), lags, weigh)) for p in parts]
+        found = [replace(factors, parts=((part[0].sha256, factors),)) for part, factors in sums if factors.rows]
         if not found:
             band, these = self.task.band, "what is held out" if parts is self.held_out else "the recordings"
             raise RecordingError(
@@ -214,15 +214,15 @@ def prepare(
     """
     if not recordings:
         raise OptionError("no recording was given; at least one is needed")
-    everything = [*recordings, *held_out]
-    need_torque(everything)
+    whole = [*recordings, *held_out]
+    need_torque(whole)
     if scaled:
-        need_constants(everything)
+        need_constants(whole)
     check_masses(robot)
-    moving = hold(robot, resting(robot, but=same_joints(everything)))
-    surveys = {recording: survey(recording, moving) for recording in dict.fromkeys(everything)}
+    moving = hold(robot, resting(robot, but=same_joints(whole)))
+    surveys = {recording: survey(recording, moving) for recording in dict.fromkeys(whole)}
     surveys = dict(zip(surveys, one_after_another(list(surveys.values())), strict=True))
-    learn, judge = (tuple((r, surveys[r]) for r in some) for some in (recordings, held_out))
+    learn, judge = (tuple((r, surveys[r]) for r in role) for role in (recordings, held_out))
     return _arrange(moving, (learn, judge), options or Options(), robot.notes)
 
 
@@ -248,9 +248,15 @@ def _arrange(robot: Robot, given: tuple[Parts, Parts], options: Options, notes: 
     recorded = _use_recorded(robot, whole, band, options)
     desired = options.instruments and not recorded and all(_wholly(r, "q_des") for r, _ in whole)
     complete = desired and all(_complete(part, "q_des") for part in whole)
-    slow = _reversal_width(robot, [sampling for _, sampling in whole], band)
+    # width of a reversal (n,) [rad/s or m/s]: of the gear for revolute joints, of the encoder noise for all
+    speed = np.sqrt(np.mean([sampling.speed**2 for _, sampling in whole], axis=0))
+    gear = np.where(robot.prismatic, 0.0, np.minimum(REVERSAL_VELOCITY, REVERSAL_SHARE * speed))
+    slow = np.maximum(np.maximum(gear, band.velocity_noise), MIN_REVERSAL_VELOCITY)
     slow = np.full(len(slow), MIN_REVERSAL_VELOCITY) if static else slow
-    base, reach = build_base(robot, laws, options.seed, measured, static), _reach(robot, once, band, slow)
+    pieces = [(longest_piece(part, BAND_SAMPLES // 4), part[1].period) for part in once]
+    long = [(piece, period) for piece, period in pieces if len(piece.t) > 2 * margin(band) + 1]
+    base = build_base(robot, laws, options.seed, measured, static)
+    reach = choose_reach([build_motion(robot, piece, band, period) for piece, period in long], band, slow)
     task = Task(robot, laws, base, band, slow, reach, recorded, complete)
     said = [f"{r.path or 'recording'}: {note}" for r, sampling in whole for note in (*r.notes, *sampling.notes)]
     said += [SELF_EVALUATION_NOTE] * (train is test)
@@ -309,19 +315,6 @@ def _common_band(parts: Sequence[Part], options: Options) -> Band:
     return choose_band([longest_piece(part) for part in parts], rate, options.cutoff)
 
 
-def _reversal_width(robot: Robot, surveys: Sequence[Sampling], band: Band) -> Array:
-    """(n,) [rad/s or m/s] width of a reversal: of the gear for revolute joints, of the encoder noise for all."""
-    speed = np.sqrt(np.mean([s.speed**2 for s in surveys], axis=0))
-    gear = np.where(robot.prismatic, 0.0, np.minimum(REVERSAL_VELOCITY, REVERSAL_SHARE * speed))
-    return np.maximum(np.maximum(gear, band.velocity_noise), MIN_REVERSAL_VELOCITY)
-
-
-def _reach(robot: Robot, parts: Sequence[Part], band: Band, slow: Array) -> tuple[int, ...]:
-    pieces = [(longest_piece(part, BAND_SAMPLES // 4), part[1].period) for part in parts]
-    long = [(piece, period) for piece, period in pieces if len(piece.t) > 2 * margin(band) + 1]
-    return choose_reach([build_motion(robot, piece, band, period) for piece, period in long], band, slow)
-
-
 def _check_linear(laws: Sequence[Law]) -> None:
     for law in laws:
         effect, linear = law.effect, law.effect.linear()
@@ -376,12 +369,12 @@ def _complete(part: Part, key: str) -> bool:
 def _derivatives_agree(robot: Robot, part: Part, band: Band) -> bool:
     """Whether recorded derivatives and those of the positions are the same inside the band."""
     piece, period = longest_piece(part), part[1].period
-    own, recorded = (build_motion(robot, piece, band, period, recorded_derivatives=yes) for yes in (False, True))
-    edge = (len(recorded) - len(own)) // 2
+    computed, recorded = (build_motion(robot, piece, band, period, choice) for choice in (False, True))
+    edge = (len(recorded) - len(computed)) // 2
     thin = Decimator(band.taps, band.factor)
-    for mine, theirs in ((own.v, recorded.v), (own.a, recorded.a)):
-        ours, given = thin(mine), thin(theirs[edge : len(theirs) - edge])
-        if not len(ours) or np.linalg.norm(ours - given) > DERIVATIVE_TOLERANCE * np.linalg.norm(ours):
+    for derivative, stated in ((computed.v, recorded.v), (computed.a, recorded.a)):
+        ours, other = thin(derivative), thin(stated[edge : len(stated) - edge])
+        if not len(ours) or np.linalg.norm(ours - other) > DERIVATIVE_TOLERANCE * np.linalg.norm(ours):
             return False
     return True
 

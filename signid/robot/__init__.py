@@ -5,10 +5,10 @@ held fixed; mimic joints follow. `urdf_from_dh` generates a URDF from Denavit-Ha
 """
 
 from .audit import Audit, Suspect, audit
-from .description.dh import DHLink, urdf_from_dh
 from .joints import configuration, hold, resting, weld, with_gravity
 from .load import as_robot, described_gravity, held_positions, load_robot, robot_from_text
 from .locate import locate, names, saved_model
+from .urdf import DHLink, urdf_from_dh
 
 __all__ = [
     "Audit",

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..errors import shorten
 from ..types import Array, Mask, Robot
-from .description.document import CONDITION_TEXTS, children, inertial_fault, local, parse
+from .document import CONDITION_TEXTS, children, inertial_fault, local, parse
 
 THOUSAND = 1e3  # g in a kg, mm in a m
 INERTIA_UNITS = {1e3: "g.m2", 1e4: "kg.cm2", 1e6: "kg.mm2", 1e7: "g.cm2", 1e9: "g.mm2"}  # per kg.m2
@@ -105,10 +105,10 @@ def audit(robot: Robot) -> Audit:
     is judged with all links that are rigidly attached to it, by which the torque changes.
     """
     root = parse(robot.document) if robot.kind == "urdf" else None
-    bodies, found = _measure_bodies(robot, root), list[Suspect]()
+    bodies, suspects = _measure_bodies(robot, root), list[Suspect]()
     if (far := bodies.length > MAX_JOINT_DISTANCE).any():
         text = f"joints of {{}} are up to {bodies.length.max():.3g} m apart: their distances seem to be in mm"
-        found += _suspects(robot, far, "length", THOUSAND, f"{text}; correct the description")
+        suspects += _suspects(robot, far, "length", THOUSAND, f"{text}; correct the description")
         bodies = bodies._replace(length=bodies.length / THOUSAND, path=bodies.path / THOUSAND)
     usual = max(bodies.usual, MIN_BODY_SIZE) if bodies.usual else MAX_JOINT_DISTANCE / MAX_CENTRE_RATIO
     far = bodies.centre > MAX_CENTRE_RATIO * np.maximum(bodies.length, bodies.extent).clip(usual)
@@ -126,9 +126,15 @@ def audit(robot: Robot) -> Audit:
             fact = f"the {noun} of {{}} are about {factor:.0f} times too large: they seem to be in"
             advice = "correct the description; check, identify and diagnose calculate with the corrected numbers"
             text = f"{fact} {unit or INERTIA_UNITS[factor]}; {advice}"
-            found += _suspects(robot, factors == factor, what, factor, text)
-    found += [*_inertia_suspects(robot, bodies, default), *(() if root is None else _joint_suspects(robot, root))]
-    return Audit(_corrected(robot, centre, mass, inertia), tuple(found))
+            suspects += _suspects(robot, factors == factor, what, factor, text)
+    suspects += [*_inertia_suspects(robot, bodies, default), *(() if root is None else _joint_suspects(robot, root))]
+    if any((factors > 1).any() for factors in (centre, mass, inertia)):
+        model = robot.model.copy()
+        for k, body in enumerate(model.inertias[1:]):
+            body.inertia, body.mass, body.lever = body.inertia / inertia[k], body.mass / mass[k], body.lever / centre[k]
+            model.inertias[k + 1] = body
+        robot = replace(robot, model=model)
+    return Audit(robot, tuple(suspects))
 
 
 def _measure_bodies(robot: Robot, root: Any) -> _BodySizes:
@@ -154,7 +160,7 @@ def _link_shape(link: Any) -> tuple[float, float]:
     """Largest extent [m] of the boxes, cylinders and spheres of a link, and its density in them [kg/m3]; 0 without."""
     extents, volumes = [0.0], dict.fromkeys(("visual", "collision"), 0.0)
     for kind in volumes:
-        for form in (form for part in children(link, kind) for some in children(part, "geometry") for form in some):
+        for form in (form for part in children(link, kind) for node in children(part, "geometry") for form in node):
             try:
                 size = [float(x) for key in ("size", "radius", "length") for x in (form.get(key) or "").split()]
             except ValueError:
@@ -233,24 +239,14 @@ def _inertia_suspects(robot: Robot, bodies: _BodySizes, placeholder: Mask) -> It
 def _joint_suspects(robot: Robot, root: Any) -> Iterator[Suspect]:
     """Limits of zero, and one damping of all joints although their effort limits differ."""
     stated = {joint.get("name"): joint for joint in children(root, "joint")}
-    own = [(name, link, stated[name]) for name, link in zip(list(robot.model.names)[1:], robot.links, strict=True)]
+    joints = [(name, link, stated[name]) for name, link in zip(list(robot.model.names)[1:], robot.links, strict=True)]
     for key in ("effort", "velocity"):
-        zero = [each for each in own if any(float(x.get(key) or 1) == 0 for x in children(each[2], "limit"))]
+        zero = [entry for entry in joints if any(float(x.get(key) or 1) == 0 for x in children(entry[2], "limit"))]
         sentence = f"the {key} limit of {shorten([name for name, *_ in zero], 4)} is stated as 0, which counts as none"
         yield from (Suspect(link, key, None, sentence) for _, link, _ in zero)
-    damping = [float(form.get("damping") or 0) for *_, joint in own for form in children(joint, "dynamics")]
+    damping = [float(form.get("damping") or 0) for *_, joint in joints for form in children(joint, "dynamics")]
     effort, same = robot.effort_limit, max(damping, default=0.0)
-    if len(damping) == len(own) >= MIN_JOINTS and min(damping) == same > 0 and effort.max() >= DISPARITY * effort.min():
+    disparate = effort.max() >= DISPARITY * effort.min()
+    if len(damping) == len(joints) >= MIN_JOINTS and min(damping) == same > 0 and disparate:
         text = f"all joints have the same damping of {same:g}, although their effort limits differ"
-        yield from (Suspect(link, "damping", None, f"{text}: it is a default") for _, link, _ in own)
-
-
-def _corrected(robot: Robot, centre: Array, mass: Array, inertia: Array) -> Robot:
-    """Robot with its bodies divided by factors (nb,) [1] of their units; itself where all are one."""
-    if not any((factors > 1).any() for factors in (centre, mass, inertia)):
-        return robot
-    model = robot.model.copy()
-    for body, own in enumerate(model.inertias[1:]):
-        own.inertia, own.mass, own.lever = own.inertia / inertia[body], own.mass / mass[body], own.lever / centre[body]
-        model.inertias[body + 1] = own
-    return replace(robot, model=model)
+        yield from (Suspect(link, "damping", None, f"{text}: it is a default") for _, link, _ in joints)

@@ -39,8 +39,8 @@ def rigid_torque(robot: Robot, q: Array, v: Array, a: Array) -> Array:
 def _by_row(compute: Callable[..., Any], shape: tuple[int, ...], model: Any, data: Any, *states: Array) -> Array:
     """Results (N, *shape) of a function of Pinocchio for N states."""
     out = np.empty((len(states[0]), *shape))
-    for row, found in zip(out, map(compute, repeat(model), repeat(data), *states), strict=True):
-        row[...] = found
+    for row, computed in zip(out, map(compute, repeat(model), repeat(data), *states), strict=True):
+        row[...] = computed
     return out
 
 

@@ -57,11 +57,17 @@ def hold(robot: Robot, positions: Mapping[str, float]) -> Robot:
         i = find_joint(joint, robot)
         if i in held:
             raise RobotError(f"joint {robot.joints[i]} of {robot.name} has two positions to be held at; give one")
-        held[i] = _position(robot.joints[i], value)
+        try:
+            number = nan if isinstance(value, bool | str) else float(value)
+        except (TypeError, ValueError, OverflowError):
+            number = nan
+        if not isfinite(number):
+            raise RobotError(f"joint {robot.joints[i]} cannot be held at {value!r}; give a finite number in rad or m")
+        held[i] = number
     keep = [i for i in range(len(robot.joints)) if i not in held]
     if not keep:
         raise RobotError(f"every joint of {robot.name} would be held fixed; leave at least one to move")
-    each = [f"{robot.joints[i]} at {held[i]:.6g} {'m' if robot.prismatic[i] else 'rad'}" for i in sorted(held)]
+    fixed = [f"{robot.joints[i]} at {held[i]:.6g} {'m' if robot.prismatic[i] else 'rad'}" for i in sorted(held)]
     return replace(
         robot,
         joints=tuple(robot.joints[i] for i in keep),
@@ -72,7 +78,7 @@ def hold(robot: Robot, positions: Mapping[str, float]) -> Robot:
         servo={joint: stated for joint, stated in robot.servo.items() if robot.index(joint) not in held},
         springs={joint: stated for joint, stated in robot.springs.items() if robot.index(joint) not in held},
         registers={key: stated for key, stated in robot.registers.items() if robot.index(key[1]) not in held},
-        notes=(*robot.notes, f"held fixed: {shorten(each)}"),
+        notes=(*robot.notes, f"held fixed: {shorten(fixed)}"),
         **{key: getattr(robot, key)[keep] for key in _JOINT_ARRAYS},
     )
 
@@ -81,16 +87,6 @@ def resting(robot: Robot, but: Collection[str] = ()) -> dict[str, float]:
     """Rest positions [rad or m] of all joints except `but`: zero, or the nearest position within the limits."""
     rest = np.clip(0.0, robot.lower, robot.upper)
     return {joint: float(rest[i]) for i, joint in enumerate(robot.joints) if joint not in but}
-
-
-def _position(joint: str, value: Any) -> float:
-    try:
-        number = nan if isinstance(value, bool | str) else float(value)
-    except (TypeError, ValueError, OverflowError):
-        number = nan
-    if not isfinite(number):
-        raise RobotError(f"joint {joint} cannot be held at {value!r}; give a finite number in rad or m")
-    return number
 
 
 def weld(model: pin.Model, held: Sequence[int], configuration: Array) -> pin.Model:

@@ -12,7 +12,7 @@ from pathlib import Path
 from urllib.parse import unquote
 
 from ..errors import RobotError, shorten
-from .description.sandbox import may_read
+from .sandbox import may_read
 
 _DATA_FOLDER = "example-robot-data"
 _PACKAGE_SCHEMES, _FILE_SCHEME = ("package://", "model://"), "file://"
@@ -100,7 +100,11 @@ def find_mesh(name: str, description: str, package_dirs: Sequence[str | Path] = 
     try:
         if package is not None:
             return _in_package(unquote(name.removeprefix(package)), description, package_dirs)
-        return _find_near(Path(unquote(name.removeprefix(_FILE_SCHEME))), description, package_dirs)
+        path = Path(unquote(name.removeprefix(_FILE_SCHEME)))
+        near = Path(description).parent if description else None
+        place = path if path.is_absolute() else near and near / path
+        folders = [*package_dirs, *_data_folders(), *([near] if near else [])]
+        return place if place and may_read(place, folders) and place.is_file() else None
     except (OSError, ValueError):  # a name too long for the file system, or with a null character
         return None
 
@@ -127,22 +131,12 @@ def _in_package(inside: str, description: str, package_dirs: Sequence[str | Path
     return None
 
 
-def _find_near(path: Path, description: str, package_dirs: Sequence[str | Path]) -> Path | None:
-    near = Path(description).parent if description else None
-    place = path if path.is_absolute() else near and near / path
-    folders = [*package_dirs, *_data_folders(), *([near] if near else [])]
-    return place if place and may_read(place, folders) and place.is_file() else None
-
-
 @lru_cache(maxsize=1)
 def _named_files() -> dict[str, Path]:
-    return _examples() | {path.parent.name: path for path in sorted(robots_folder().glob("*/robot.urdf"))}
-
-
-def _examples() -> dict[str, Path]:
-    """URDF files of example-robot-data by stem, or by "folder/stem" if the stem is ambiguous."""
+    """URDF files of example-robot-data by stem, or by "folder/stem" if that is ambiguous, and the robots of signid."""
+    robots = {path.parent.name: path for path in sorted(robots_folder().glob("*/robot.urdf"))}
     if not _data_folders():
-        return {}
+        return robots
     folder = _data_folders()[0] / _DATA_FOLDER / "robots"
     paths = sorted(folder.rglob("*.urdf"))
     count = Counter(path.stem for path in paths)
@@ -150,4 +144,4 @@ def _examples() -> dict[str, Path]:
     unique = {path.stem: path for path in paths if count[path.stem] == 1}
     familiar = {name: (unique | full)[stem] for name, stem in _LOADER_STEMS.items() if stem in unique or stem in full}
     found = {path.stem: path for path in sorted(folder.rglob("*.sdf"))} | unique | familiar
-    return found | {name: path for name, path in full.items() if path not in found.values()}
+    return found | {name: path for name, path in full.items() if path not in found.values()} | robots

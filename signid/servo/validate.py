@@ -12,7 +12,7 @@ from ..errors import OptionError, RecordingError, shorten
 from ..faults.commands import audit_flags
 from ..model import Model, ModelSource, command_model
 from ..recording import Recordings, as_recordings, same_joints
-from ..robot.actuators import state_actuators
+from ..robot.load import state_actuators
 from ..servos import ServoGrid
 from ..simulation.rollout.run import restrict_joints
 from ..typed import typed

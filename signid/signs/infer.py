@@ -10,22 +10,19 @@ import numpy as np
 
 from ..regression.rows import Task
 from ..types import Array, Frozen
+from .branch_and_bound import PhysicalCone, cone_inequalities
+from .exact import RivalSigns, SignSolution, enumerate_near, search_signs
 from .observations import Observations, Segment, runs_between_minima, split_by_signs, split_impure, threshold_runs
-from .result import SignProof
+from .problem import KnownRows, SignProblem, build_sign_problem, friction_patterns, known_rows, signed_rows
+from .result import CERTAIN_CONFIDENCE, SignProof
 from .samples import RefinedSigns, refine_signs
-from .search.branch_and_bound import PhysicalCone, cone_inequalities
-from .search.exact import RivalSigns, SignSolution, enumerate_near, search_signs
-from .search.problem import KnownRows, SignProblem, build_sign_problem, friction_patterns, known_rows, signed_rows
-from .thresholds import (
-    CERTAIN_CONFIDENCE,
-    MAX_RESIDUAL_KAPPA,
-    MAX_RESIDUAL_SHARE,
-    MAX_SPLITS,
-    NOISE_FLOOR,
-    RECHECK_ROUNDS,
-    RIVAL_WINDOW,
-)
 
+MAX_SPLITS = 3  # [rounds] of search and splitting; heuristic
+RIVAL_WINDOW = 24.0  # [squared standard deviations] of excess loss: a rival beyond it weighs less than exp(-12) = 6e-6
+NOISE_FLOOR = 1e-3  # [rms torque] smallest residual that the posterior assumes; heuristic
+RECHECK_ROUNDS = 2  # [rounds] of the search in variance units; heuristic
+MAX_RESIDUAL_SHARE = 0.15  # [rms torque] rms residual of a model that lacks physics; heuristic
+MAX_RESIDUAL_KAPPA = 3.0  # [samples per independent one] of a systematic residual; white noise has 1, logs had 3 to 40
 MIN_AUTOCORRELATION = 0.05  # [1] autocorrelation from which later lags are ignored; tuned on logs and simulations
 MIN_PAIR_SHARE = 0.1  # [share of the samples] smallest number of pairs that estimates a correlation; heuristic
 MIN_PART_SAMPLES = 2  # [samples] of a part of a run; a single sample has no confidence of its own
@@ -50,12 +47,12 @@ def joint_flip_probability(problem: SignProblem, signs: Array, rivals: RivalSign
     """Per joint, the probability that signs (S,) [1] are inverted in segments with more than half of its energy."""
     weights = rivals.weights
     total = max(float(weights.sum()), 1e-300)
-    found = {}
+    probabilities = {}
     for joint in np.unique(problem.joints[problem.joints >= 0]).tolist():
         own = problem.joints == joint
         share = np.average(rivals.signs[:, own] != signs[own], axis=1, weights=problem.energies[own] + 1e-300)
-        found[joint] = float(weights[share > 0.5].sum()) / total
-    return found
+        probabilities[joint] = float(weights[share > 0.5].sum()) / total
+    return probabilities
 
 
 def inflation(residual: Array, runs: Sequence[tuple[int, int]]) -> float:
@@ -128,7 +125,13 @@ def recheck_signs(
         problem = build_sign_problem(search.observed, segments, weights, known)
         start = np.array([_majority_sign(refined, s) for s in segments] + [1.0] * (problem.count - len(segments)))
         cone = search.cone(problem)
-        solution = search.solve(problem, segments, start) if free else _unproved(problem, cone, start)
+        if free:
+            solution = search.solve(problem, segments, start)
+        else:  # the given signs, without proof
+            z = problem.coordinates(start)
+            squared, nearest = cone.distance(z)
+            loss, proof = problem.loss(start) + squared, SignProof(False, 1.0, 0)
+            solution = SignSolution(start, nearest, loss, proof, np.zeros((len(z), 0)))
         rivals = enumerate_near(problem, cone, solution, RIVAL_WINDOW)
         confidence = sign_confidence(problem, solution.signs, rivals)
         uncertain = {run for run in runs if _is_uncertain(run, segments, confidence)}
@@ -162,13 +165,6 @@ def _is_uncertain(run: Segment, segments: Sequence[Segment], confidence: Array) 
 
 def _contains(run: Segment, part: Segment) -> bool:
     return run.joint == part.joint and run.start <= part.start and part.stop <= run.stop
-
-
-def _unproved(problem: SignProblem, cone: PhysicalCone, signs: Array) -> SignSolution:
-    """Given signs as a solution without proof."""
-    z = problem.coordinates(signs)
-    squared, nearest = cone.distance(z)
-    return SignSolution(signs, nearest, problem.loss(signs) + squared, SignProof(False, 1.0, 0), np.zeros((len(z), 0)))
 
 
 @dataclass(frozen=True, eq=False)

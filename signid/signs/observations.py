@@ -16,24 +16,24 @@ from ..regression.motion import Motion, base_rows, build_motion, margin
 from ..regression.rows import Task, away_from_reversals
 from ..regression.session import Part
 from ..types import Array, Frozen, Indices, Mask, Samples, prismatic_unit
-from .thresholds import (
-    CUTOFF_SAMPLES,
-    JUMP_TORQUE,
-    MAX_GRID_SAMPLES,
-    MIN_GRID_RATE,
-    MINIMUM_CEILING,
-    MINIMUM_FLOOR,
-    MOVING_SHARE,
-    POSITION_BANDWIDTH,
-    REST_DURATION,
-    SEGMENT_COVERAGE,
-    SEGMENT_DURATION,
-    SEGMENT_QUANTILE,
-    SEGMENT_SAMPLES,
-    SPLIT_DEVIATIONS,
-    SPLIT_SAMPLES,
-)
 
+CUTOFF_SAMPLES = 8.0  # [samples per period of the cut-off] density of the grid; heuristic
+MIN_GRID_RATE = 100.0  # [Hz]; logs: one UR10e recording had impure segments at 47 Hz, none at 94 Hz
+MAX_GRID_SAMPLES = 20_000  # [samples] of all recordings; longer ones are thinned further; heuristic: memory, time
+POSITION_BANDWIDTH = 2.0  # [cut-offs] positions pass up to here: less than in a fit, since torque stays unfiltered and
+# encoder noise in the acceleration hides small torques; heuristic
+SEGMENT_QUANTILE = 0.1  # [1] of |torque| in motion: samples below it belong to no segment; logs: at 0.1 all segments of
+# 7 of 8 recordings were pure; at 0.05 up to 5 segments of a recording were impure, at 0.02 up to 14
+SEGMENT_DURATION = 0.2  # [s] shortest segment; logs: 20 samples at 100 Hz
+SEGMENT_SAMPLES = 5  # [samples] shortest segment, if longer ones would leave out too much torque; logs, as above
+SEGMENT_COVERAGE = 0.5  # [1] share of the samples above the threshold that segments must hold; heuristic
+REST_DURATION = 0.1  # [s] without certain motion after which a joint counts as at rest; heuristic
+MOVING_SHARE = 0.1  # [1] of the samples: a joint that moves in fewer is reported as resting; heuristic
+MINIMUM_CEILING = 0.5  # [rms torque] local minima of |torque| below it are cut; logs: impurity <= 0.1 % of the samples
+MINIMUM_FLOOR = 0.02  # [rms torque] samples below it belong to no segment between minima; logs, as above
+SPLIT_DEVIATIONS = 3.0  # [standard deviations of the residual] of a model torque whose sign is clear; heuristic
+SPLIT_SAMPLES = 3  # [samples] a run of clear signs must be longer to split a segment; heuristic
+JUMP_TORQUE = 0.15  # [rms torque] where |torque| stays above it the torque jumped past zero; heuristic
 MAX_WINDOW_SAMPLES = 8192  # [samples] of a recording processed at a time; bounds memory
 
 
@@ -136,12 +136,12 @@ def predict(task: Task, motion: Motion, value: Array) -> Array:
 
 def law_coefficients(task: Task) -> dict[int, tuple[str, int]]:
     """Map each base parameter that is a single coefficient of a law to the effect's name and the joint."""
-    found = {}
+    coefficients = {}
     for k, row in enumerate(task.base.combination):
         label = task.base.labels[task.base.independent[k]]
         if np.count_nonzero(row) == 1 and label.law is not None and label.joint is not None:
-            found[k] = (task.laws[label.law].effect.name, label.joint)
-    return found
+            coefficients[k] = (task.laws[label.law].effect.name, label.joint)
+    return coefficients
 
 
 def thinning(task: Task, parts: Sequence[Part]) -> int:
@@ -165,20 +165,18 @@ def motion_windows(task: Task, part: Part, step: int) -> Iterator[MotionWindow]:
         for k in range(0, total, size):
             stop = min(k + size, total)
             low, high = max(k - edge, 0), min(stop + edge, total)
-            window = _extend_window(samples(recording, sampling, span, low, high), low - k + edge, stop + edge - high)
-            motion = build_motion(task.robot, window, band, sampling.period, task.recorded_derivatives, task.slow)
+            window = samples(recording, sampling, span, low, high)._asdict()
+            sides: Any = [(low - k + edge, stop + edge - high), (0, 0)]
+            for key, x in window.items():
+                if np.ndim(x):
+                    window[key] = np.pad(x, sides[: x.ndim], mode="reflect", reflect_type="odd")
+            extended = Samples(**window)
+            motion = build_motion(task.robot, extended, band, sampling.period, task.recorded_derivatives, task.slow)
             assert motion.recorded is not None, "windows carry torque"
             place = np.arange(k, stop)
             whole = (place >= edge) & (place < total - edge)
             steady = away_from_reversals(motion.v, reach, task.slow) | ~np.array(task.reverses)
             yield MotionWindow(k == 0, motion, motion.recorded, steady & whole[:, None])
-
-
-def _extend_window(window: Samples, before: int, after: int) -> Samples:
-    sides: Any = [(before, after), (0, 0)]
-    signals = {key: x for key, x in window._asdict().items() if np.ndim(x)}
-    longer = {key: np.pad(x, sides[: x.ndim], mode="reflect", reflect_type="odd") for key, x in signals.items()}
-    return Samples(**{**window._asdict(), **longer})
 
 
 class Segment(NamedTuple):
@@ -213,10 +211,15 @@ def threshold_runs(observed: Observations) -> tuple[list[Segment], Array]:
                 f"the absolute torque of {observed.joints[joint]} is zero throughout; leave its column out, or check "
                 f"the logger"
             )
-        some = np.sort(magnitude[moving] if moving.any() else magnitude)
-        threshold[joint] = some[min(int(round(SEGMENT_QUANTILE * len(some))), len(some) - 1)]
+        ascending = np.sort(magnitude[moving] if moving.any() else magnitude)
+        threshold[joint] = ascending[min(int(round(SEGMENT_QUANTILE * len(ascending))), len(ascending) - 1)]
         above = list(runs(observed, joint, moving & (magnitude >= threshold[joint]) & (magnitude > 0)))
-        long = _long_runs(above, max(SEGMENT_SAMPLES, round(SEGMENT_DURATION / observed.period)))
+        # if the long runs hold too few of all samples, short ones count
+        lengths = np.array([run.length for run in above])
+        enough = lengths >= max(SEGMENT_SAMPLES, round(SEGMENT_DURATION / observed.period))
+        if lengths[enough].sum() < SEGMENT_COVERAGE * lengths.sum():
+            enough = lengths >= SEGMENT_SAMPLES
+        long = [run for run, keep in zip(above, enough, strict=True) if keep]
         if not long:
             raise RecordingError(_too_short(observed, joint, above))
         found += long
@@ -277,15 +280,6 @@ def runs(observed: Observations, joint: int, inside: Mask) -> Iterator[Segment]:
     begins = np.flatnonzero(observed.first)
     for start, stop in edges.reshape(-1, 2).tolist():
         yield from Segment(joint, start, stop).cut(begins[(begins > start) & (begins < stop)].tolist())
-
-
-def _long_runs(found: Sequence[Segment], least: int) -> list[Segment]:
-    """Runs of at least `least` samples; if they hold too few of all samples, runs of SEGMENT_SAMPLES or more."""
-    lengths = np.array([run.length for run in found])
-    enough = lengths >= least
-    if lengths[enough].sum() < SEGMENT_COVERAGE * lengths.sum():
-        enough = lengths >= SEGMENT_SAMPLES
-    return [run for run, keep in zip(found, enough, strict=True) if keep]
 
 
 def _split_samples(observed: Observations, segment: Segment, predicted: Array, noise: float) -> Iterator[int]:

@@ -14,29 +14,23 @@ from ..recording.sampling import time_origin
 from ..regression.factors import Factors
 from ..regression.session import Options, Part, Session, prepare, rearrange
 from ..types import BaseMap, Estimate, Indices, Progress, Recording, Robot
-from .infer import InferredSigns, infer
+from .branch_and_bound import OFFSET_LIMIT
+from .exact import ascend
+from .infer import MAX_RESIDUAL_KAPPA, MAX_RESIDUAL_SHARE, RIVAL_WINDOW, InferredSigns, infer
 from .observations import Observations, observe, thinning
+from .problem import friction_patterns
 from .result import Signs, SignSegment, Trace
-from .rows_of_file import signs_of_rows
-from .samples import RefinedSigns, expect_signs, place_jumps, refine_signs
-from .search.exact import ascend
-from .search.problem import friction_patterns
-from .thresholds import (
-    FLIP_PROBABILITY,
-    IMPURE_SHARE,
-    MAX_RESIDUAL_KAPPA,
-    MAX_RESIDUAL_SHARE,
-    MAX_RESOLUTION_STEP,
-    MAX_ROUND_CHANGE,
-    MIN_BODY_TORQUE,
-    NEAR_OFFSET_LIMIT,
-    OFFSET_DEVIATIONS,
-    OFFSET_LIMIT,
-    RIVAL_WINDOW,
-)
+from .samples import RefinedSigns, expect_signs, place_jumps, refine_signs, signs_of_rows
 from .torque_constants import TorqueConstants, constant_sensitivity, find_gains
 from .tree import by_tree
 
+FLIP_PROBABILITY = 1e-3  # [1] that all signs of a joint are inverted; the complement of CERTAIN_CONFIDENCE
+NEAR_OFFSET_LIMIT = 0.95  # [OFFSET_LIMIT] an offset so close to its limit may be friction of the wrong sign; heuristic
+OFFSET_DEVIATIONS = 2.0  # [standard deviations] by which an offset must exceed that; about 95 % of a normal law
+MIN_BODY_TORQUE = 0.02  # [rms torque] standard deviation of the rigid-body torque that noise hides; heuristic
+MAX_RESOLUTION_STEP = 0.15  # [rms torque] resolution; simulations: 98 % of the segments right at 0.1, 84 % at 0.3
+IMPURE_SHARE = 0.1  # [1] of a joint's segments in which torque changed its sign; heuristic
+MAX_ROUND_CHANGE = 1e-3  # [1] relative change of the parameters in the last round of refinement; heuristic
 SIGN_METHODS = ("exact", "tree")
 
 
@@ -207,10 +201,10 @@ def prepare_and_recover(
 
     Where a torque lacks its sign or its constant, the options `unsigned` take the place of `options`, unless None.
     """
-    everything = (*recordings, *held_out)
-    known = all(r.signed.all() and (r.scaled is None or r.scaled.all()) for r in everything)
-    own = options if known or unsigned is None else unsigned
-    return recover(prepare(robot, recordings, held_out, own, scaled=False), method=method, progress=progress)
+    whole = (*recordings, *held_out)
+    known = all(r.signed.all() and (r.scaled is None or r.scaled.all()) for r in whole)
+    chosen = options if known or unsigned is None else unsigned
+    return recover(prepare(robot, recordings, held_out, chosen, scaled=False), method=method, progress=progress)
 
 
 def recover(session: Session, *, method: str = "exact", progress: Progress | None = None) -> Recovered:
@@ -256,7 +250,11 @@ def recover(session: Session, *, method: str = "exact", progress: Progress | Non
         if part in learn:
             expected[part[0]] = with_signs(part[0], expect_signs(task, part, value, inferred.refined.sigma, signs))
     whole, learning = session.exchange(signed), session.exchange(signed | expected)
-    notes = (*_sign_notes(observed, inferred), *_unused(observed, learn))
+    notes = [*_sign_notes(observed, inferred)]
+    if unused := [observed.joints[j] for j in observed.hidden if any(recording.signed[j] for recording, _ in learn)]:
+        notes.append(
+            f"signs of {shorten(unused)}, which some recordings have, were not used: other recordings lack them"
+        )
     return Recovered(whole, learning, _result(session, observed, inferred, notes, tuple(traced.values()), method))
 
 
@@ -275,10 +273,10 @@ def _same_torques(recordings: Sequence[Recording]) -> None:
 
 def _traces(observed: Observations, parts: Sequence[Part], refined: RefinedSigns) -> dict[Recording, Trace]:
     """Per recording, its thinned samples with the signs found."""
-    predicted, found = observed.predict(refined.value), {}
+    predicted, traces = observed.predict(refined.value), {}
     for k, (recording, _) in enumerate(parts):
         at = observed.part == k
-        found[recording] = Trace(
+        traces[recording] = Trace(
             path=recording.path,
             t=observed.t[at],
             first=np.flatnonzero(observed.first[at]),
@@ -287,22 +285,22 @@ def _traces(observed: Observations, parts: Sequence[Part], refined: RefinedSigns
             predicted=predicted[at],
             origin=time_origin(recording),
         )
-    return found
+    return traces
 
 
 def _result(
     session: Session,
     observed: Observations,
     inferred: InferredSigns,
-    notes: tuple[str, ...],
+    notes: Sequence[str],
     traces: tuple[Trace, ...],
     method: str,
 ) -> Signs:
-    each = zip(inferred.segments, inferred.signs.tolist(), inferred.confidence.tolist(), strict=True)
+    found_signs = zip(inferred.segments, inferred.signs.tolist(), inferred.confidence.tolist(), strict=True)
     part, t = observed.part.tolist(), observed.t.tolist()
     segments = sorted(
         SignSegment(part[start], joint, t[start], t[stop - 1], int(sign), confidence)
-        for (joint, start, stop), sign, confidence in each
+        for (joint, start, stop), sign, confidence in found_signs
     )
     return Signs(
         joints=observed.joints,
@@ -312,7 +310,7 @@ def _result(
         threshold=inferred.threshold,
         proof=inferred.proof,
         flags=raise_flags(observed, inferred),
-        notes=notes,
+        notes=tuple(notes),
         value=inferred.refined.value,
         noise=inferred.refined.sigma,
         inflation=inferred.inflation,
@@ -331,10 +329,3 @@ def _sign_notes(observed: Observations, inferred: InferredSigns) -> tuple[str, .
         segments = "1 segment" if count == 1 else f"{count} segments"
         notes.append(f"{observed.joints[joint]}: {segments} cut at a change of sign of the torque inside")
     return tuple(notes)
-
-
-def _unused(observed: Observations, parts: Sequence[Part]) -> tuple[str, ...]:
-    """A note on signs that some recordings have and others lack."""
-    some = [observed.joints[j] for j in observed.hidden if any(recording.signed[j] for recording, _ in parts)]
-    note = f"signs of {shorten(some)}, which some recordings have, were not used: other recordings lack them"
-    return (note,) if some else ()

@@ -32,9 +32,10 @@ from ..types import (
 from .infer import infer
 from .observations import Observations, observe
 from .result import Gain, Signs
-from .rows_of_file import signs_of_rows
-from .thresholds import INERTIAL_ERROR, MAX_CONSTANT_STD
+from .samples import signs_of_rows
 
+INERTIAL_ERROR = 0.2  # [1] relative standard deviation of a link's stated mass, first moment and inertia; heuristic
+MAX_CONSTANT_STD = 0.5  # [1] relative standard deviation from which a constant counts as unknown; heuristic
 START_GRID = np.geomspace(1e-4, 1e4, 81)  # [median ratio of the shared columns] values of 1/K tried as start; heuristic
 MIN_SHARED_ENTRY = 1e-12  # [largest entry of the Gram matrix] of columns that joints share
 GRAM_RIDGE = 1e-9  # [unit diagonal of a Gram matrix] regularisation
@@ -345,31 +346,32 @@ def _unknown_joints(recordings: Sequence[Recording]) -> Mask:
 
 def _alternate(session: Session, observed: Observations, unknown: Mask, progress: Progress | None) -> Constants:
     """Signs and constants in turn."""
-    found = Constants(np.zeros(len(unknown)), np.diag(np.where(unknown, np.inf, 0.0)))
+    constants = Constants(np.zeros(len(unknown)), np.diag(np.where(unknown, np.inf, 0.0)))
     signs = np.zeros_like(observed.torque)
     for k in range(MAX_CONSTANT_ROUNDS):
         if progress is not None:
             progress("finding torque constants", k / MAX_CONSTANT_ROUNDS)
-        last, signs = signs, _infer_signs(session.task, observed, found, session.options.seed)
+        last, signs = signs, _infer_signs(session.task, observed, constants, session.options.seed)
         if np.array_equal(last, signs):
             break
-        before, found = found, _estimate_constants(session.task, _recorded_factors(session, observed, signs), unknown)
-        change = np.abs(found.log - before.log)
-        if last.any() and np.all(change <= np.maximum(CONSTANT_TOLERANCE, DEVIATION_TOLERANCE * found.std)):
+        before = constants
+        constants = _estimate_constants(session.task, _recorded_factors(session, observed, signs), unknown)
+        change = np.abs(constants.log - before.log)
+        if last.any() and np.all(change <= np.maximum(CONSTANT_TOLERANCE, DEVIATION_TOLERANCE * constants.std)):
             break
     else:
-        return replace(found, settled=False)
-    return found
+        return replace(constants, settled=False)
+    return constants
 
 
-def _infer_signs(task: Task, observed: Observations, found: Constants, seed: int) -> Array:
+def _infer_signs(task: Task, observed: Observations, constants: Constants, seed: int) -> Array:
     """Signs (N, n) [1]: joints with known constants together, each other joint by itself."""
-    known = found.std <= UNKNOWN_CONSTANT_STD
+    known = constants.std <= UNKNOWN_CONSTANT_STD
     alone = np.diag(observed.known & ~known)
     signs = np.sign(observed.torque)
     for group in (observed.known & known, *alone[alone.any(axis=1)]):
         if (group & ~observed.signed).any():
-            torque = np.where(group, observed.torque * np.exp(found.log), 0.0)
+            torque = np.where(group, observed.torque * np.exp(constants.log), 0.0)
             inferred = infer(task, replace(observed, known=group, torque=torque), seed)
             signs[:, group] = inferred.refined.signs[:, group]
     return signs
@@ -409,8 +411,8 @@ def _names(robot: Robot, joints: Mask) -> str:
 
 
 def _constant_notes(robot: Robot, gains: Sequence[Gain], std: Array, anchors: Mask, described: bool) -> Iterator[str]:
-    found = [f"{joint} {k:.3g} {unit} (+- {100 * s:.2g} %)" for (joint, k, _, unit), s in zip(gains, std, strict=True)]
-    yield f"unknown torque constants were found from the motion: {shorten(found)}"
+    values = [f"{joint} {k:.3g} {unit} (+- {100 * s:.2g} %)" for (joint, k, _, unit), s in zip(gains, std, strict=True)]
+    yield f"unknown torque constants were found from the motion: {shorten(values)}"
     if anchors.any():
         yield f"torque constants rest on the torque of {_names(robot, anchors)}, which depends on the same inertials"
     if described:
@@ -422,8 +424,8 @@ def _constant_notes(robot: Robot, gains: Sequence[Gain], std: Array, anchors: Ma
     yield "standard deviations of parameters include the common uncertainty of these torque constants"
 
 
-def _flags(robot: Robot, std: Array, found: Constants) -> Iterator[str]:
-    if not found.settled:
+def _flags(robot: Robot, std: Array, constants: Constants) -> Iterator[str]:
+    if not constants.settled:
         yield (
             f"signs and torque constants still changed in the last of {MAX_CONSTANT_ROUNDS} rounds: either may be "
             f"wrong; state torque_constant in an actuators file"

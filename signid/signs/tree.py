@@ -11,16 +11,15 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import OptionError
-from ..estimation.pbrp import Bounds, bounds_around
-from ..estimation.pbrp.cost import PenaltyCost, check_box, cost_over, descend, physics_of
+from ..estimation.pbrp import Bounds, PenaltyCost, bounds_around, check_box, cost_over, descend, physics_of
 from ..model import stated_parameters
 from ..optimisers import Optimum
 from ..regression.rows import Task
 from ..types import Array, BaseMap, Estimate, Frozen, Indices, Parameters, Progress
 from .infer import ChooseSigns, SignChoice
 from .observations import Segment
+from .problem import SignProblem, certify
 from .result import SignProof
-from .search.problem import SignProblem, certify
 
 ORDER_ROUNDING = 1e-14  # [largest eigenvalue of a Gram matrix] smaller eigenvalues are rounding errors
 MAX_CONDITION = 1000.0  # [1] condition number of a well-conditioned first set; heuristic
@@ -85,7 +84,9 @@ def _conditioning(grams: Array) -> tuple[Array, Array]:
 
 def _min_set(grams: Array, known: _Set, joints: Indices, threshold: float, budget: int) -> tuple[_Set | None, bool]:
     """Best set of the smallest size that has a well-conditioned one, and whether all sets up to it were tried."""
-    base, needed, own = grams[list(known)].sum(0), _needed_joints(grams, joints), joints.tolist()
+    base, total, own = grams[list(known)].sum(0), grams.sum(0), joints.tolist()
+    rest = [(j, total - grams[: len(joints)][joints == j].sum(0)) for j in np.unique(joints).tolist()]
+    needed = {j for j, gram in rest if _conditioning(gram[None])[0][0] > 0}  # without them rows are rank deficient
     for size in range(0 if known else 1, min(EXHAUSTIVE_SIZE, len(joints)) + 1):
         if size < len(needed):
             continue
@@ -100,13 +101,6 @@ def _min_set(grams: Array, known: _Set, joints: Indices, threshold: float, budge
         if taken and best[0] == 0 and best[1] < threshold:
             return (*known, *best[2]), True
     return None, EXHAUSTIVE_SIZE >= len(joints)
-
-
-def _needed_joints(grams: Array, joints: Indices) -> set[int]:
-    """Joints without whose segments the rows are rank deficient."""
-    total = grams.sum(0)
-    rest = [(j, total - grams[: len(joints)][joints == j].sum(0)) for j in np.unique(joints).tolist()]
-    return {j for j, gram in rest if _conditioning(gram[None])[0][0] > 0}
 
 
 def _try_sets(grams: Array, base: Array, sets: Sequence[_Set]) -> Iterator[tuple[int, float, _Set]]:
@@ -183,11 +177,16 @@ def grow(
     choices = [(1.0,) if problem.joints[i] < 0 else (1.0, -1.0) for i in order]
     pool, nodes, spent = [TreeNode(0.0, np.zeros(0), 0)], 0, 0
     for k in range(max(start, 1), len(order) + 1):
-        level, members = _tree_level(problem, order[:k]), problem.projections[:, order[:k]]
+        taken = order[:k]
+        gram, right = problem.grams[taken].sum(0), problem.projections[:, taken]
+        values, axes = np.linalg.eigh(gram)
+        seen = values > LEVEL_ROUNDING * values[-1]
+        size, axes = np.sqrt(values[seen])[:, None], axes[:, seen].T
+        level = TreeLevel(gram, size * axes, axes / size, float(problem.energies[taken].sum()))
         tried = [(*node.signs, *more) for node in pool for more in product(*choices[len(node.signs) : k])]
-        found = [solve(level, members @ np.array(signs))._replace(signs=signs) for signs in tried]
-        nodes, spent = nodes + len(found), spent + sum(node.evaluations for node in found)
-        pool = sorted(found, key=lambda node: node.loss)[:width]
+        solved = [solve(level, right @ np.array(signs))._replace(signs=signs) for signs in tried]
+        nodes, spent = nodes + len(solved), spent + sum(node.evaluations for node in solved)
+        pool = sorted(solved, key=lambda node: node.loss)[:width]
         if progress is not None:
             progress("growing the tree of signs", k / len(order))
     return pool[0]._replace(evaluations=spent), nodes
@@ -198,14 +197,6 @@ def in_place(signs: Sequence[float], order: Indices) -> Array:
     out = np.empty(len(order))
     out[order] = signs
     return out
-
-
-def _tree_level(problem: SignProblem, members: Indices) -> TreeLevel:
-    gram = problem.grams[members].sum(0)
-    values, axes = np.linalg.eigh(gram)
-    seen = values > LEVEL_ROUNDING * values[-1]
-    size, axes = np.sqrt(values[seen])[:, None], axes[:, seen].T
-    return TreeLevel(gram, size * axes, axes / size, float(problem.energies[members].sum()))
 
 
 def search_tree(
@@ -253,8 +244,18 @@ def search_tree(
     ordered = condition_order(problem)
     node, nodes = grow(problem, ordered.order, ordered.start, width, solve, progress)
     signs = in_place(node.signs, ordered.order)
-    notes = (*_order_notes(ordered), *_loss_notes(problem, signs, node))
-    return TreeResult(signs, base.combination @ node.end, node.loss, nodes, node.evaluations, notes)
+    notes, least = [], problem.loss(signs)
+    if not ordered.complete:
+        notes.append(
+            f"the first {ordered.start} segments of the tree were chosen one by one (condition number "
+            f"{ordered.condition:.3g}), since there are too many sets or signs to try them all"
+        )
+    if node.loss > (1 + MIN_NOTED_EXCESS) * least + NEGLIGIBLE_EXCESS * problem.energies.sum():
+        notes.append(
+            f"the search at the last node ended at a loss of {node.loss:.3g}, but least squares with the same signs "
+            f"reaches {least:.3g}, so its signs may be wrong; --signs exact needs no such search"
+        )
+    return TreeResult(signs, base.combination @ node.end, node.loss, nodes, node.evaluations, tuple(notes))
 
 
 def _polish(cost: PenaltyCost, end: Optimum, weight: float) -> tuple[Array, float]:
@@ -280,23 +281,6 @@ def _base_scales(problem: SignProblem, base: BaseMap) -> Estimate:
     size = np.sqrt(np.where(np.isfinite(least), least, 0.0))
     nothing = np.zeros((base.rank, base.rank))
     return Estimate(size, nothing, nothing, np.zeros(0), ())
-
-
-def _order_notes(ordered: SegmentOrder) -> Iterator[str]:
-    if not ordered.complete:
-        yield (
-            f"the first {ordered.start} segments of the tree were chosen one by one (condition number "
-            f"{ordered.condition:.3g}), since there are too many sets or signs to try them all"
-        )
-
-
-def _loss_notes(problem: SignProblem, signs: Array, node: TreeNode) -> Iterator[str]:
-    least = problem.loss(signs)
-    if node.loss > (1 + MIN_NOTED_EXCESS) * least + NEGLIGIBLE_EXCESS * problem.energies.sum():
-        yield (
-            f"the search at the last node ended at a loss of {node.loss:.3g}, but least squares with the same signs "
-            f"reaches {least:.3g}, so its signs may be wrong; --signs exact needs no such search"
-        )
 
 
 def by_tree(task: Task, seed: int, progress: Progress | None = None) -> ChooseSigns:

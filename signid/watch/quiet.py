@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..regression.covariance import Misfit
+from ..regression.factors import Misfit
 from ..types import Array, Indices, Mask
 from .frames import FRAME_COLUMNS, JOINT_COLUMNS, Frames
 from .observer import Observed

@@ -16,7 +16,7 @@ from ..faults.search import CLAIMS
 from ..model import Model, ModelSource, as_model, torque_model
 from ..recording import read_recording
 from ..recording.mapping import ColumnMap
-from ..regression.covariance import Misfit
+from ..regression.factors import Misfit
 from ..robot import configuration, hold, resting
 from ..robot.dynamics import own_body, point_jacobian
 from ..typed import typed

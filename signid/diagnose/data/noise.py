@@ -10,7 +10,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from ...effects.base import ActuatorLaw
 from ...regression.bandwidth import Band
-from ...regression.covariance import Misfit
+from ...regression.factors import Misfit
 from ...regression.projection import least_squares
 from ...types import Array, Frozen, Indices, Mask
 from .locate import find_wave

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import logsumexp
 
-from ...regression.covariance import Misfit
+from ...regression.factors import Misfit
 from ...types import Array, Frozen, Indices
 from ..data.column_groups import Group
 from ..data.dataset import Dataset

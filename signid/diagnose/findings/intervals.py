@@ -11,8 +11,7 @@ from scipy.linalg import block_diag
 
 from ...estimation.repeats import jackknife_variance
 from ...model import Model
-from ...regression.base_parameters import build_base
-from ...regression.covariance import Covariance, base_covariance
+from ...regression.base_parameters import Covariance, base_covariance, build_base
 from ...robot.dynamics import own_body
 from ...types import INERTIAL, Array, Coefficient, Indices, Law
 from ..data.column_groups import Group

@@ -11,8 +11,7 @@ import numpy as np
 from ...deadline import show_step, time_is_up
 from ...effects import EFFECTS
 from ...effects.base import RecordingLaw
-from ...optimisers import OPTIMISERS, Problem
-from ...optimisers.base import Optimum
+from ...optimisers import OPTIMISERS, Optimum, Problem
 from ...types import Array, Effect, Law
 from ..data.column_groups import Group
 from ..data.dataset import Dataset, append

@@ -10,7 +10,7 @@ import numpy as np
 from ...regression.session import Part
 from ...types import Estimate
 from ..least_squares import estimate
-from .base import Given
+from . import Given
 from .loop import LoopEstimator
 
 

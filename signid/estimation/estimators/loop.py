@@ -19,10 +19,10 @@ from ...regression.projection import SINGULAR_VALUE_TOLERANCE, least_squares
 from ...regression.session import BAND_SAMPLES, Options, Part, Session
 from ...simulation.plant import simulate, track
 from ...simulation.plant.control import LOOP_BANDWIDTH, Plan, sampled
-from ...types import Array, Estimate, Frozen, Mask, Samples, Trajectory
+from ...types import Array, Estimate, Frozen, Samples, Trajectory
 from ..feasible import fit_consistent
 from ..least_squares import estimate
-from .base import Estimator, Given, part_of
+from . import Estimator, Given, part_of
 
 MIN_CONTROLLER_SHARE = 0.5  # [1] of the torque variance that an estimated controller explains, else a default is used
 MIN_LOOP_FREQUENCY, MAX_LOOP_FREQUENCY = 2 * np.pi * 0.5, 2 * np.pi * 30.0  # [rad/s] natural, of a position loop
@@ -90,7 +90,14 @@ def find_controller(
     damping = np.where(good, np.clip(kd, MIN_DAMPING_RATIO * critical, MAX_DAMPING_RATIO * critical), usual.damping)
     ahead = (fit.ahead if good[j] else value[session.task.seen(j)] for j, fit in enumerate(found))
     speed = np.sqrt(stiffness / inertia) / (2 * np.pi)
-    return Controller(stiffness, damping, tuple(ahead), _controller_note(session, good, shares, speed))
+    joints = session.robot.joints
+    loops = ", ".join(f"{joint} {hertz:.2g} Hz" for joint, hertz, ok in zip(joints, speed, good, strict=True) if ok)
+    other = ", ".join(joint for joint, ok in zip(joints, good, strict=True) if not ok)
+    explained = f"{shares[good].min(initial=1):.2%}"
+    fitted = f"a PD controller with feed-forward torque explains {explained} of the torque ({loops})"
+    default = f"no PD controller explains the torque of {other}: a default one of {LOOP_BANDWIDTH:g} Hz is used"
+    note = "; ".join(sentence for sentence, names in ((fitted, loops), (default, other)) if names)
+    return Controller(stiffness, damping, tuple(ahead), note)
 
 
 class _Fit(NamedTuple):
@@ -117,16 +124,6 @@ def _fit_joints(session: Session, piece: Samples, gains: tuple[Array, Array] | N
         share = 1 - float(np.var(y - x @ solved)) / max(float(np.var(rows[:, -1])), 1e-300)
         found.append(_Fit(solved[:2] if stated is None else stated, solved[2 - first :], share))
     return asked, found
-
-
-def _controller_note(session: Session, good: Mask, shares: Array, speed: Array) -> str:
-    joints = session.robot.joints
-    found = ", ".join(f"{joint} {hertz:.2g} Hz" for joint, hertz, ok in zip(joints, speed, good, strict=True) if ok)
-    other = ", ".join(joint for joint, ok in zip(joints, good, strict=True) if not ok)
-    explained = f"{shares[good].min(initial=1):.2%}"
-    fitted = f"a PD controller with feed-forward torque explains {explained} of the torque ({found})"
-    default = f"no PD controller explains the torque of {other}: a default one of {LOOP_BANDWIDTH:g} Hz is used"
-    return "; ".join(sentence for sentence, names in ((fitted, found), (default, other)) if names)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from ...regression.session import Part
 from ...types import Estimate
 from ..least_squares import estimate
-from .base import Given
+from . import Given
 from .loop import LoopEstimator
 
 

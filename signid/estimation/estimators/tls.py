@@ -13,7 +13,7 @@ from ...regression.rows import read_rows
 from ...regression.session import BAND_SAMPLES, longest_piece
 from ...types import Array, Estimate
 from ..least_squares import estimate
-from .base import Estimator, Given, part_of
+from . import Estimator, Given, part_of
 
 NOISE_SEED, NOISE_DRAWS = 0, 4  # seed of the simulated position noise, and number of realisations
 MAX_COLUMN_NOISE = 0.5  # [1] largest noise share of the power of a combination of columns without a flag

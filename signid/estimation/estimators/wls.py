@@ -2,7 +2,7 @@
 
 from ...types import Estimate
 from ..least_squares import estimate
-from .base import Estimator, Given
+from . import Estimator, Given
 
 
 class WeightedLeastSquares(Estimator):

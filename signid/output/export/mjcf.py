@@ -15,7 +15,7 @@ from ...effects.joint_elasticity import RELAXATION_TIME
 from ...errors import RobotError
 from ...model import Model
 from ...robot import configuration
-from ...robot.description.document import children, parse
+from ...robot.document import children, parse
 from ...robot.dynamics import joint_of_row, own_row
 from ...robot.joints import is_plain
 from ...types import Array, Robot

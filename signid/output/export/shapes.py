@@ -13,7 +13,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ...errors import shorten
-from ...robot.description.document import children, parse
+from ...robot.document import children, parse
 from ...robot.locate import find_mesh
 from ...types import Array, Robot
 from ..geometry import origin, vector

@@ -13,7 +13,7 @@ import numpy as np
 from ...errors import RobotError
 from ...model import Model, stated_inertials
 from ...robot import described_gravity
-from ...robot.description.document import without_declaration
+from ...robot.document import without_declaration
 from ...types import Array, Robot
 from .bodies import FRICTION_LAWS, Exported, about_centre, fixed_note, summed
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...errors import shorten
-from ...robot.description.document import children, parse
+from ...robot.document import children, parse
 from ...robot.locate import find_mesh
 from ...types import Array, Indices, Robot
 from ..geometry import origin, vector

@@ -20,7 +20,7 @@ import pinocchio as pin
 from ...errors import OptionError
 from ...model import Model
 from ...robot import configuration
-from ...robot.description.document import children, parse
+from ...robot.document import children, parse
 from ...robot.joints import root_link
 from ...robot.locate import find_mesh
 from ...types import Array, Frozen, Robot

@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from ...errors import OptionError, RobotError
 from ...robot import configuration
-from ...robot.description.document import parse
+from ...robot.document import parse
 from ...robot.locate import find_mesh
 from ...types import Array, Frozen, Mask, Robot
 

@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...effects.base import TorqueLaw, TransmissionLaw, of_kind
-from ...effects.trial import Trial
+from ...effects.base import TorqueLaw, TransmissionLaw, Trial, of_kind
 from ...errors import OptionError
 from ...types import Array, Indices, Law, Robot, View
 from .dynamics import Dynamics

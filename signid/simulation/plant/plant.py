@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ...effects.base import ActuatorLaw, RecordingLaw, of_kind
+from ...effects.base import ActuatorLaw, RecordingLaw, Trial, of_kind
 from ...effects.drive import DriveLaw
-from ...effects.trial import Trial
 from ...errors import OptionError
 from ...model import Model, ModelSource, as_model
 from ...typed import typed

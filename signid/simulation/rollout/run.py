@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ...effects.base import ActuatorLaw, BodyLaw, RecordingLaw, TorqueLaw, TransmissionLaw, of_kind
-from ...effects.trial import Trial
+from ...effects.base import ActuatorLaw, BodyLaw, RecordingLaw, TorqueLaw, TransmissionLaw, Trial, of_kind
 from ...errors import OptionError, RecordingError
 from ...model import Model, ModelSource, as_model, torque_model
 from ...recording import Recordings, as_recordings, need_torque, same_joints

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
+from contextlib import suppress
 from dataclasses import dataclass, field
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from ...errors import RobotError, shorten
+from ..errors import RobotError, shorten
 from .document import MAX_FILE_BYTES, bounded, check_count, not_negative, parse, read_bytes
 from .sandbox import may_read
 
@@ -117,8 +118,17 @@ def _dynamic_part(root: Any, folder: Path | None, source: Source, depth: int) ->
     from lxml import etree
 
     settings = _last_attributes(root, "compiler", (*_COMPILER_KEYS, "meshdir", "assetdir", "strippath"))
-    _check_magnitudes(root)
-    _check_root(root)
+    # numbers that shape the dynamics: negligible ones become 0
+    for node in root.iter("body", "frame", "replicate", "joint", "inertial", "geom"):
+        for key in (key for key in _NUMBER_KEYS if node.get(key)):
+            stated = f"a <{node.tag}> has {key}={node.get(key)!r}"
+            words = node.get(key).split()
+            node.set(key, " ".join(_check_number(word, stated, key in _FRICTION_KEYS) for word in words))
+    for world in root.iterchildren("worldbody"):
+        for node in world.iter(*_DEFORMABLE_TAGS):
+            raise RobotError(f"the file uses <{node.tag}>, which makes deformable bodies; give a file of rigid ones")
+    if _last_attributes(root, "compiler", ("coordinate",)).get("coordinate") == "global":
+        raise RobotError("the file uses global coordinates; load and save it with MuJoCo 2.3.3 or older")
     bare = etree.Element("mujoco", {"model": root.get("model") or "robot"})
     kept = {key: settings[key] for key in _COMPILER_KEYS if key in settings}
     etree.SubElement(bare, "compiler", kept | {key: _min_inertial(kept, key) for key in ("boundmass", "boundinertia")})
@@ -144,14 +154,6 @@ def _dynamic_part(root: Any, folder: Path | None, source: Source, depth: int) ->
     return str(etree.tostring(bare, encoding="unicode")), counts
 
 
-def _check_root(root: Any) -> None:
-    for world in root.iterchildren("worldbody"):
-        for node in world.iter(*_DEFORMABLE_TAGS):
-            raise RobotError(f"the file uses <{node.tag}>, which makes deformable bodies; give a file of rigid ones")
-    if _last_attributes(root, "compiler", ("coordinate",)).get("coordinate") == "global":
-        raise RobotError("the file uses global coordinates; load and save it with MuJoCo 2.3.3 or older")
-
-
 def _last_attributes(root: Any, tag: str, keys: tuple[str, ...]) -> dict[str, str]:
     """Attributes of a section; the last one counts."""
     return {key: node.get(key) for node in root.iterchildren(tag) for key in keys if node.get(key)}
@@ -164,15 +166,6 @@ def _min_inertial(settings: dict[str, str], key: str) -> str:
         return stated if not float(stated) < MIN_INERTIAL else repr(MIN_INERTIAL)
     except ValueError:
         return stated
-
-
-def _check_magnitudes(root: Any) -> None:
-    """Check the magnitude of the numbers that shape the dynamics, in place: negligible ones become 0."""
-    for node in root.iter("body", "frame", "replicate", "joint", "inertial", "geom"):
-        for key in (key for key in _NUMBER_KEYS if node.get(key)):
-            stated = f"a <{node.tag}> has {key}={node.get(key)!r}"
-            words = node.get(key).split()
-            node.set(key, " ".join(_check_number(word, stated, key in _FRICTION_KEYS) for word in words))
 
 
 def _check_number(word: str, stated: str, positive: bool) -> str:
@@ -281,17 +274,13 @@ def _count_elements(node: Any, models: dict[str, Counter[str]]) -> Counter[str]:
     """Number of elements by tag, with those that are replicated and attached."""
     total: Counter[str] = Counter()
     for child in node:
-        times = _replica_count(child) if child.tag == "replicate" else 1
+        times = 1
+        if child.tag == "replicate":
+            with suppress(ValueError):  # MuJoCo rejects it
+                count = float(child.get("count") or 0)
+                times = int(count) if isfinite(count) and count > 0 else 1
         inside = models.get(child.get("model"), Counter()) if child.tag == "attach" else _count_elements(child, models)
         total[child.tag] += 1
         for tag, number in inside.items():
             total[tag] += times * number
     return total
-
-
-def _replica_count(node: Any) -> int:
-    try:
-        number = float(node.get("count") or 0)
-    except ValueError:
-        return 1  # MuJoCo rejects it
-    return int(number) if isfinite(number) and number > 0 else 1

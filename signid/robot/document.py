@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...errors import CONTROL, RobotError, one_line, readable, shorten
+from ..errors import CONTROL, RobotError, one_line, readable, shorten
 from . import sandbox
 
 if TYPE_CHECKING:
@@ -123,7 +123,11 @@ def read_document(
     tags = [element.tag for element in root.iter() if isinstance(element.tag, str) and element.tag[0] == "{"]
     if path.suffix == ".xacro" or any("xacro" in tag.partition("}")[0] for tag in tags):
         macros = [str(element.get("name")) for element in root.iter() if str(element.tag).endswith("}macro")]
-        text = _expand_xacro(path, package_dirs, arguments or {})
+        given = [str(path.absolute()), *(str(Path(folder).absolute()) for folder in package_dirs)]
+        late = f"xacro cannot expand it in {sandbox.MAX_SECONDS} s; check for endless macros"
+        with tempfile.TemporaryDirectory() as scratch:
+            Path(scratch, sandbox.ARGUMENTS_FILE).write_text(json.dumps(dict(arguments or {})), encoding="utf-8")
+            text = restricted(scratch, given, path.absolute().parent, "xacro cannot expand it", late)
         root = parse(text)
         if macros and root.find("link") is None:
             advice = "give the file that includes it and uses them"
@@ -185,15 +189,6 @@ def _parser(recover: bool = False) -> Any:
     from lxml import etree
 
     return etree.XMLParser(encoding="utf-8", resolve_entities=False, no_network=True, load_dtd=False, recover=recover)
-
-
-def _expand_xacro(path: Path, package_dirs: Sequence[str | Path], arguments: Mapping[str, str]) -> str:
-    """Expand a xacro file; packages are searched above the file and in `package_dirs`."""
-    with tempfile.TemporaryDirectory() as scratch:
-        Path(scratch, sandbox.ARGUMENTS_FILE).write_text(json.dumps(dict(arguments)), encoding="utf-8")
-        given = [str(path.absolute()), *(str(Path(folder).absolute()) for folder in package_dirs)]
-        late = f"xacro cannot expand it in {sandbox.MAX_SECONDS} s; check for endless macros"
-        return restricted(scratch, given, path.absolute().parent, "xacro cannot expand it", late)
 
 
 def restricted(scratch: str, given: Sequence[str], folder: str | Path, fault: str, late: str) -> str:

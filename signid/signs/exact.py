@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...deadline import show_step, time_is_up
-from ...types import Array, Frozen, Indices
-from ..result import SignProof
+from ..deadline import show_step, time_is_up
+from ..types import Array, Frozen, Indices
 from .branch_and_bound import BUDGET, LOSS_ROUNDING, SIGN_SEARCH, Incumbent, PhysicalCone, TreeBudget, bounds, branch
 from .problem import SignProblem, certify
+from .result import SignProof
 
 CLIMB_STARTS = 150  # logs: a single start reaches the optimum in 2 to 60 % of the cases
 START_VECTORS = 3  # leading singular vectors of B, and of B with unit columns, used as starts; heuristic
@@ -29,7 +29,17 @@ RIVALS = TreeBudget(width=1000)  # of the enumeration of rivals; its width also 
 
 def climb(problem: SignProblem, seed: int = 0) -> Array:
     """The best local optimum (S,) [1] of many starts; a known segment has sign +1."""
-    ends = np.unique(ascend(problem, _start_signs(problem, seed)), axis=0)
+    # signs of leading singular vectors of B, plain and with unit columns; of random models; random signs
+    rng = np.random.default_rng(seed)
+    size = np.linalg.norm(problem.projections, axis=0)
+    vectors = [
+        np.linalg.svd(matrix, full_matrices=False)[2][:START_VECTORS]
+        for matrix in (problem.projections, problem.projections / np.maximum(size, 1e-300))
+    ]
+    left = CLIMB_STARTS - 2 * START_VECTORS
+    models = rng.normal(size=(left - left // 2, len(problem.projections))) @ problem.projections
+    starts = np.concatenate([*vectors, models, rng.normal(size=(left // 2, problem.count))])
+    ends = np.unique(ascend(problem, np.where(starts >= 0, 1.0, -1.0)), axis=0)
     losses = np.array([problem.loss(signs) for signs in ends])
     best = np.argsort(losses, kind="stable")[:PAIRED_OPTIMA]
     ends[best] = ascend(problem, ends[best], pairs=True)
@@ -60,19 +70,6 @@ def ascend(problem: SignProblem, starts: Array, joints: bool = True, pairs: bool
             )
         active = active[moved]
     return signs * signs[:, -1:] if problem.anchored else signs
-
-
-def _start_signs(problem: SignProblem, seed: int) -> Array:
-    """(K, S) signs of leading singular vectors of B, plain and with unit columns; of random models; random signs."""
-    rng = np.random.default_rng(seed)
-    size = np.linalg.norm(problem.projections, axis=0)
-    found = [
-        np.linalg.svd(matrix, full_matrices=False)[2][:START_VECTORS]
-        for matrix in (problem.projections, problem.projections / np.maximum(size, 1e-300))
-    ]
-    left = CLIMB_STARTS - 2 * START_VECTORS
-    models = rng.normal(size=(left - left // 2, len(problem.projections))) @ problem.projections
-    return np.where(np.concatenate([*found, models, rng.normal(size=(left // 2, problem.count))]) >= 0, 1.0, -1.0)
 
 
 def _flip_single(gram: Array, signs: Array, pull: Array, least: float, active: Indices) -> None:
@@ -325,11 +322,11 @@ def _joint_flips(scores: Scores) -> Array:
 
 def _moved_signs(scores: Scores, moves: Sequence[Array]) -> Array:
     """(K, S) the best signs with those of one joint replaced by, or multiplied by, a move or its opposite."""
-    problem, signs, found = scores.problem, scores.signs, []
+    problem, signs, moved = scores.problem, scores.signs, []
     for move in moves:
         move = np.append(move, np.zeros(problem.count - len(move)))
         for joint in np.unique(problem.joints):
             own = (problem.joints == joint) & (joint >= 0)
             if own.any() and move[own].all():
-                found += [np.where(own, sign * new, signs) for sign in (1, -1) for new in (move, signs * move)]
-    return np.array(found).reshape(-1, problem.count)
+                moved += [np.where(own, sign * new, signs) for sign in (1, -1) for new in (move, signs * move)]
+    return np.array(moved).reshape(-1, problem.count)

@@ -8,10 +8,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...types import Array, Frozen, Indices
-from ..observations import Observations, Segment
-from ..thresholds import FRICTION_PRIOR, PRIOR_STRENGTH
+from ..types import Array, Frozen, Indices
+from .observations import Observations, Segment
 
+FRICTION_PRIOR = {  # [rms torque of the joint, at its rms velocity] mean, standard deviation
+    "torque_offset": (0.0, 0.15),
+    "coulomb_friction": (0.1, 0.1),
+    "viscous_friction": (0.1, 0.1),
+}  # logs and simulations: trees 2 to 20 times smaller
+PRIOR_STRENGTH = 0.3  # [1] weight of the friction prior; logs: at 1 it biases real data (93 % of the segments right)
 ROW_RANK_TOLERANCE = 1e-7  # [largest singular value of the scaled rows] smaller ones count as zero; heuristic
 ENERGY_ROUNDING = 1e-12  # [total energy] negative eigenvalues or losses of this size are rounding errors
 
@@ -66,7 +71,11 @@ def build_sign_problem(
 
     Samples near reversals are left out. A joint's torque is weighted by its weights (n,) [1/N.m or 1/N].
     """
-    inside = [_steady_samples(observed, s) for s in segments]
+    inside = []
+    for joint, start, stop in segments:
+        at = np.arange(start, stop)
+        steady = at[observed.steady[at, joint]]
+        inside.append(steady if len(steady) else at)
     rows = [observed.rows(s.joint, at) * weights[s.joint] for s, at in zip(segments, inside, strict=True)]
     right = [np.abs(observed.torque[at, s.joint]) * weights[s.joint] for s, at in zip(segments, inside, strict=True)]
     if known is not None and len(known.target):
@@ -148,12 +157,6 @@ def orthonormalise(rows: Array) -> tuple[Array, Array]:
     left, singular, right = np.linalg.svd(r)
     rank = int(np.sum(singular > ROW_RANK_TOLERANCE * singular[0]))
     return q @ left[:, :rank], (right[:rank].T / singular[:rank]) / size[:, None]
-
-
-def _steady_samples(observed: Observations, segment: Segment) -> Indices:
-    at = np.arange(segment.start, segment.stop)
-    steady = at[observed.steady[at, segment.joint]]
-    return steady if len(steady) else at
 
 
 class Certificate(NamedTuple):

@@ -8,14 +8,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...deadline import time_is_up
-from ...regression.motion import Motion, base_rows
-from ...regression.rows import Task
-from ...types import Array, Frozen, Indices
-from ..observations import Observations, law_coefficients
-from ..thresholds import OFFSET_LIMIT
+from ..deadline import time_is_up
+from ..regression.motion import Motion, base_rows
+from ..regression.rows import Task
+from ..types import Array, Frozen, Indices
+from .observations import Observations, law_coefficients
 from .problem import SignProblem
 
+OFFSET_LIMIT = 2.0  # [Coulomb friction] largest |offset|; logs: 0 to 0.8 with true signs, above 1e5 if the signs of a
+# joint follow an offset instead of friction
 KINETIC_POSES = 15  # configurations at which kinetic energy must be positive; logs: enough for Panda and UR10e
 KINETIC_VELOCITIES = 4  # random joint velocities per configuration, beside those of each joint alone; as KINETIC_POSES
 ZERO_ROW_LENGTH = 1e-9  # [sum of the absolute values of its terms] length of a row that is zero but for rounding
@@ -41,7 +42,19 @@ def cone_inequalities(task: Task, observed: Observations, seed: int = 0) -> Arra
     """
     labels = [task.base.labels[k] for k in task.base.independent]
     positive = np.eye(task.base.rank)[[k for k in law_coefficients(task) if labels[k].positive]]
-    return np.concatenate([_energy_rows(task, observed, seed), positive, _offset_rows(task)])
+    rng, n = np.random.default_rng(seed), len(observed.joints)
+    rms = observed.rms
+    size = np.where(rms > 0, 1 / np.sqrt(np.where(rms > 0, rms, 1.0)), 0.0)  # similar kinetic energy of all joints
+    at = np.sort(rng.choice(len(observed), min(KINETIC_POSES, len(observed)), replace=False))
+    single, mixed = np.tile(np.diag(size), (len(at), 1)), rng.standard_normal((len(at) * KINETIC_VELOCITIES, n)) * size
+    q = np.concatenate([observed.q[at].repeat(n, axis=0), observed.q[at].repeat(KINETIC_VELOCITIES, axis=0)])
+    places = {law: k for k, law in law_coefficients(task).items()}
+    unit, offsets = np.eye(task.base.rank), [np.zeros((0, task.base.rank))]
+    for (name, joint), k in places.items():
+        coulomb = places.get(("coulomb_friction", joint))
+        if name == "torque_offset" and coulomb is not None:
+            offsets.append(OFFSET_LIMIT * unit[coulomb] + np.array([[1.0], [-1.0]]) * unit[k])
+    return np.concatenate([kinetic_rows(task, q, np.concatenate([single, mixed])), positive, *offsets])
 
 
 def kinetic_rows(task: Task, q: Array, x: Array) -> Array:
@@ -58,26 +71,6 @@ def kinetic_rows(task: Task, q: Array, x: Array) -> Array:
     for j in range(n):
         rows[:, task.seen(j)] += x[:, j, None] * (pushed[j] - at_rest[j])
     return rows
-
-
-def _energy_rows(task: Task, observed: Observations, seed: int) -> Array:
-    rng, n = np.random.default_rng(seed), len(observed.joints)
-    rms = observed.rms
-    size = np.where(rms > 0, 1 / np.sqrt(np.where(rms > 0, rms, 1.0)), 0.0)  # similar kinetic energy of all joints
-    at = np.sort(rng.choice(len(observed), min(KINETIC_POSES, len(observed)), replace=False))
-    single, mixed = np.tile(np.diag(size), (len(at), 1)), rng.standard_normal((len(at) * KINETIC_VELOCITIES, n)) * size
-    q = np.concatenate([observed.q[at].repeat(n, axis=0), observed.q[at].repeat(KINETIC_VELOCITIES, axis=0)])
-    return kinetic_rows(task, q, np.concatenate([single, mixed]))
-
-
-def _offset_rows(task: Task) -> Array:
-    own = {law: k for k, law in law_coefficients(task).items()}
-    unit, rows = np.eye(task.base.rank), [np.zeros((0, task.base.rank))]
-    for (name, joint), k in own.items():
-        coulomb = own.get(("coulomb_friction", joint))
-        if name == "torque_offset" and coulomb is not None:
-            rows.append(OFFSET_LIMIT * unit[coulomb] + np.array([[1.0], [-1.0]]) * unit[k])
-    return np.concatenate(rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,7 +228,14 @@ class _Tree:
     """Nodes of the current level, and their ancestors."""
 
     def __init__(self, problem: SignProblem, cuts: Array, z: Array, below: float) -> None:
-        self.order = _branching_order(problem, z)
+        # a known segment first, then descending |b_i|^3 / |b_i'z|: |b_i| is the influence of a sign, |b_i| / |b_i'z|
+        # its uncertainty near z; the late segments have large |b_i'z|, where the relaxation is tight
+        size = np.linalg.norm(problem.projections, axis=0)
+        clear = np.abs(problem.projections.T @ z)
+        score = size**3 / np.maximum(clear, 1e-12 * np.max(size, initial=1e-300) ** 2)
+        if problem.anchored:
+            score[-1] = np.inf
+        self.order = np.argsort(-score, kind="stable")
         self.cuts = cuts
         self.energy = float(problem.energies.sum())
         self.below = below - LOSS_ROUNDING * self.energy
@@ -298,20 +298,6 @@ class _Tree:
                 break
         self.heights[self.level :] = best.heights
         return best
-
-
-def _branching_order(problem: SignProblem, z: Array) -> Indices:
-    """Order of the segments (S,): a known one first, then descending |b_i|^3 / |b_i'z|.
-
-    |b_i| is the influence of a sign, |b_i| / |b_i'z| its uncertainty near z (r,). The late segments have large
-    |b_i'z|, where the relaxation is tight.
-    """
-    size = np.linalg.norm(problem.projections, axis=0)
-    clear = np.abs(problem.projections.T @ z)
-    score = size**3 / np.maximum(clear, 1e-12 * np.max(size, initial=1e-300) ** 2)
-    if problem.anchored:
-        score[-1] = np.inf
-    return np.argsort(-score, kind="stable")
 
 
 def _relax(later: Array, heights: Array) -> _Relaxed | None:

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...deadline import seconds_left, time_is_up
-from ...regression.projection import least_squares
-from ...types import Array, BaseMap, Estimate, Frozen, Indices, Mask, Parameters, pseudo_inertia
+from ..deadline import seconds_left, time_is_up
+from ..regression.projection import least_squares
+from ..types import Array, BaseMap, Estimate, Frozen, Indices, Mask, Parameters, pseudo_inertia
 
 MIN_BODY_MASS = 1e-3  # [kg] mass below which a body counts as massless
 MIN_BODY_RADIUS = 3e-3  # [m] radius of gyration below which a body counts as flat

@@ -75,13 +75,6 @@ def _limit_process() -> None:
             resource.setrlimit(kind, (least, least))
 
 
-def _expand(path: str, package_dirs: Sequence[str], scratch: str) -> str:
-    """URDF of a xacro file; the values of its arguments are in `scratch`."""
-    sys.path.append(os.path.dirname(os.path.abspath(__file__)))  # the script has no package
-    given = json.loads(Path(scratch, ARGUMENTS_FILE).read_text(encoding="utf-8"))
-    return str(import_module("xacro_strict").expand(path, package_dirs, given, _guard))
-
-
 def _compile(scratch: str) -> str:
     """Bodies, joints, joint constraints and gravity of `model.xml` in `scratch`, compiled by MuJoCo, as JSON."""
     import mujoco
@@ -139,7 +132,12 @@ def _main(scratch: str, path: str, *package_dirs: str) -> None:
     """
     try:
         _limit_process()
-        result = _expand(path, package_dirs, scratch) if path else _compile(scratch)
+        if path:
+            sys.path.append(os.path.dirname(os.path.abspath(__file__)))  # the script has no package
+            arguments = json.loads(Path(scratch, ARGUMENTS_FILE).read_text(encoding="utf-8"))
+            result = str(import_module("xacro_strict").expand(path, package_dirs, arguments, _guard))
+        else:
+            result = _compile(scratch)
         sys.stdout.buffer.write(result.encode())
     except (Exception, SystemExit) as error:  # expressions in the file may raise anything
         reason = "it needs too much memory" if isinstance(error, MemoryError) else " ".join(str(error).split())

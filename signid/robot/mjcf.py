@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ...errors import RobotError, shorten
+from ..errors import RobotError, shorten
 from . import sandbox
 from .document import (
     Axis,
@@ -91,16 +91,20 @@ def read_mjcf(document: Document) -> Draft:
     root, folder = deepcopy(document.root), Path(document.path).parent
     text = included(root, folder, document.text)
     source = prepare_tree(root, folder if document.path else None)
-    found = _compile_mjcf(source)
-    moving = [joint for joint in found.joints if joint.kind in _MOVING_KINDS]
-    check_count(len(found.bodies), len(moving), "bodies")
-    check_names(joint=[joint.name for joint in found.joints], body=[body.name for body in found.bodies])
+    compiled = _compile_mjcf(source)
+    moving = [joint for joint in compiled.joints if joint.kind in _MOVING_KINDS]
+    check_count(len(compiled.bodies), len(moving), "bodies")
+    check_names(joint=[joint.name for joint in compiled.joints], body=[body.name for body in compiled.bodies])
     if not moving:
         raise RobotError("the file has no moving joint (hinge or slide): nothing to identify")
-    found, unnamed = _name_all(found)
-    model, links, rows = _build(found)
-    mimics, curved = _mimics(found)
-    axes = [_mjcf_axis(joint, rows[i], mimics.get(joint.name)) for i, joint in enumerate(found.joints) if i in rows]
+    compiled, unnamed = _name_all(compiled)
+    model, links, rows = _build(compiled)
+    mimics: dict[str, Mimic] = {}  # linear constraints between two joints: q - ref = p0 + p1 (q2 - ref2)
+    linear = [tie for tie in compiled.ties if tie[1] >= 0 and not any(tie[2][2:])]
+    for follower, leader, (constant, scale, *_) in linear:
+        joint, leading = compiled.joints[follower], compiled.joints[leader]
+        mimics[joint.name] = Mimic(leading.name, scale, constant + joint.ref - scale * leading.ref)
+    axes = [_mjcf_axis(joint, rows[i], mimics.get(joint.name)) for i, joint in enumerate(compiled.joints) if i in rows]
     name = root.get("model") or document.stem
     moved = dict(zip(links, list(model.inertias)[1:], strict=True))
     return Draft(
@@ -108,16 +112,16 @@ def read_mjcf(document: Document) -> Draft:
         model=model,
         axes=tuple(axes),
         links=links,
-        document=_mjcf_text(name, found, root) if source.files else text,
+        document=_mjcf_text(name, compiled, root) if source.files else text,
         kind="mjcf",
         notes=(
             *unnamed,
             *source.notes,
-            *_mjcf_notes(found, curved + source.ignored),
+            *_mjcf_notes(compiled, len(compiled.ties) - len(linear) + source.ignored),
             *massless_note({name: body.mass for name, body in moved.items()}),
             *impossible_notes({name: (body.mass, body.inertia) for name, body in moved.items()}),
         ),
-        still=frozenset(joint.name for joint in found.joints if joint.kind == "ball"),
+        still=frozenset(joint.name for joint in compiled.joints if joint.kind == "ball"),
     )
 
 
@@ -134,7 +138,7 @@ def _compile_mjcf(source: Source) -> _Compiled:
     return _Compiled(
         tuple(_Body(**body) for body in content["bodies"]),
         tuple(_Joint(**joint) for joint in content["joints"]),
-        tuple((one, other, polynomial) for one, other, polynomial in content["ties"]),
+        tuple((first, second, polynomial) for first, second, polynomial in content["ties"]),
         content["gravity"],
         content["medium"],
     )
@@ -157,8 +161,8 @@ def _run_cached(text: str) -> str:
 
 
 def _check_finite(content: Mapping[str, Any]) -> None:
-    for what, each in (("body", content["bodies"]), ("joint", content["joints"])):
-        for part in each:
+    for what, parts in (("body", content["bodies"]), ("joint", content["joints"])):
+        for part in parts:
             for key, value in part.items():
                 stated = f"{what} {part['name']!r} has {key}={value!r}"
                 if key not in ("name", "kind", "range", "effort"):
@@ -170,9 +174,9 @@ def _check_finite(content: Mapping[str, Any]) -> None:
     _ = [bounded(number, f"gravity is {content['gravity']}") for number in content["gravity"]]
 
 
-def _name_all(found: _Compiled) -> tuple[_Compiled, list[str]]:
+def _name_all(compiled: _Compiled) -> tuple[_Compiled, list[str]]:
     """Name all unnamed bodies and joints, and say so of joints."""
-    used = {*(body.name for body in found.bodies), *(joint.name for joint in found.joints)}
+    used = {*(body.name for body in compiled.bodies), *(joint.name for joint in compiled.joints)}
 
     def name(kind: str, number: int, stated: str) -> str:
         if stated:
@@ -183,32 +187,32 @@ def _name_all(found: _Compiled) -> tuple[_Compiled, list[str]]:
         used.add(new)
         return new
 
-    joints = tuple(x._replace(name=name("joint", i, x.name)) for i, x in enumerate(found.joints, 1))
-    bodies = tuple(x._replace(name=name("body", i, x.name)) for i, x in enumerate(found.bodies, 1))
-    unnamed = sum(not joint.name for joint in found.joints)
+    joints = tuple(x._replace(name=name("joint", i, x.name)) for i, x in enumerate(compiled.joints, 1))
+    bodies = tuple(x._replace(name=name("body", i, x.name)) for i, x in enumerate(compiled.bodies, 1))
+    unnamed = sum(not joint.name for joint in compiled.joints)
     note = f"{unnamed} joints have no name; they are named joint_1, joint_2 ... in the order of the file"
-    return found._replace(bodies=bodies, joints=joints), [note] if unnamed else []
+    return compiled._replace(bodies=bodies, joints=joints), [note] if unnamed else []
 
 
-def _build(found: _Compiled) -> tuple[pin.Model, tuple[str, ...], dict[int, int]]:
+def _build(compiled: _Compiled) -> tuple[pin.Model, tuple[str, ...], dict[int, int]]:
     """Build the model; return the link that each joint moves, and the row of each hinge and slide by its number."""
     import pinocchio as pin
 
     model = pin.Model()
-    model.gravity.linear = np.array(found.gravity)
+    model.gravity.linear = np.array(compiled.gravity)
     place, links, rows = [(0, pin.SE3.Identity())], list[str](), dict[int, int]()
-    for number, body in enumerate(found.bodies, 1):
+    for number, body in enumerate(compiled.bodies, 1):
         parent, above = place[body.parent]
         pose = above * _se3(body.pos, body.quat)
-        own = [i for i, joint in enumerate(found.joints) if joint.body == number and joint.kind in _MOVING_KINDS]
-        if own:
-            axes = [found.joints[i] for i in own]
+        joints = [i for i, joint in enumerate(compiled.joints) if joint.body == number and joint.kind in _MOVING_KINDS]
+        if joints:
+            axes = [compiled.joints[i] for i in joints]
             name = axes[0].name if len(axes) == 1 else f"Composite_{axes[0].name}"
             parent = model.addJoint(parent, *_joint_model(axes, pose), name)
             model.addJointFrame(parent)
             pose = _offset(axes[-1].pos).inverse()
             links.append(body.name)
-            rows |= {i: model.joints[parent].idx_v + k for k, i in enumerate(own)}
+            rows |= {i: model.joints[parent].idx_v + k for k, i in enumerate(joints)}
         rotation = _se3(body.ipos, body.iquat).rotation
         inertia = pin.Inertia(body.mass, np.array(body.ipos), rotation @ np.diag(body.inertia) @ rotation.T)
         model.appendBodyToJoint(parent, inertia, pose)
@@ -223,24 +227,18 @@ def _joint_model(axes: Sequence[_Joint], pose: pin.SE3) -> tuple[Any, pin.SE3]:
 
     whole, before = pin.JointModelComposite(), pose
     for joint in axes:
-        before = before * _offset(joint.pos) * _joint_motion(joint, -joint.ref)
+        shift = np.array(joint.axis) * -joint.ref  # back from the position of the file [rad or m]
+        motion = pin.SE3(np.eye(3), shift) if joint.kind == "slide" else pin.SE3(pin.exp3(shift), np.zeros(3))
+        before = before * _offset(joint.pos) * motion
         kind = "Revolute" if joint.kind == "hinge" else "Prismatic"
         letter = next((x for x, unit in zip("XYZ", np.eye(3), strict=True) if np.array_equal(unit, joint.axis)), "")
         unaligned = () if letter else (np.array(joint.axis),)
-        one = getattr(pin, f"JointModel{kind[0]}{letter}" if letter else f"JointModel{kind}Unaligned")(*unaligned)
+        part = getattr(pin, f"JointModel{kind[0]}{letter}" if letter else f"JointModel{kind}Unaligned")(*unaligned)
         if len(axes) == 1:
-            return one, before
-        whole.addJoint(one, before)
+            return part, before
+        whole.addJoint(part, before)
         before = _offset(joint.pos).inverse()
     return whole, pin.SE3.Identity()
-
-
-def _joint_motion(joint: _Joint, position: float) -> pin.SE3:
-    """Motion of a joint by a position [rad or m]."""
-    import pinocchio as pin
-
-    axis = np.array(joint.axis) * position
-    return pin.SE3(np.eye(3), axis) if joint.kind == "slide" else pin.SE3(pin.exp3(axis), np.zeros(3))
 
 
 def _offset(position: Sequence[float]) -> pin.SE3:
@@ -272,54 +270,43 @@ def _mjcf_axis(joint: _Joint, row: int, mimic: Mimic | None) -> Axis:
     )
 
 
-def _mimics(found: _Compiled) -> tuple[dict[str, Mimic], int]:
-    """Linear constraints between two joints, and the number of all others: q - ref = p0 + p1 (q2 - ref2)."""
-    linear: dict[str, Mimic] = {}
-    for one, other, (constant, scale, *higher) in found.ties:
-        if other >= 0 and not any(higher):
-            follower, leader = found.joints[one], found.joints[other]
-            offset = constant + follower.ref - scale * leader.ref
-            linear[follower.name] = Mimic(leader.name, scale, offset)
-    return linear, len(found.ties) - sum(other >= 0 and not any(p[2:]) for _, other, p in found.ties)
-
-
-def _mjcf_notes(found: _Compiled, constraints: int) -> Iterator[str]:
+def _mjcf_notes(compiled: _Compiled, constraints: int) -> Iterator[str]:
     """Notes on what the file states and the model does not contain."""
-    for joint in found.joints:
+    for joint in compiled.joints:
         if joint.kind == "free":
-            yield f"body {found.bodies[joint.body - 1].name} is free; it is held fixed at the pose of the file"
+            yield f"body {compiled.bodies[joint.body - 1].name} is free; it is held fixed at the pose of the file"
     if constraints:
         what = "they are not linear between two joints, as those that close loops"
         yield f"{constraints} equality constraints are ignored: {what}"
-    if still := [joint.name for joint in found.joints if joint.kind == "ball"]:
+    if still := [joint.name for joint in compiled.joints if joint.kind == "ball"]:
         yield f"held fixed at neutral: {shorten(still)}"
-    if carried := [body.name for body in found.bodies if body.gravcomp and body.mass]:
+    if carried := [body.name for body in compiled.bodies if body.gravcomp and body.mass]:
         yield f"gravcomp of {shorten(carried)} is ignored: torque here includes the weight that MuJoCo compensates"
-    if curved := [joint.name for joint in found.joints if joint.nonlinear]:
+    if curved := [joint.name for joint in compiled.joints if joint.nonlinear]:
         yield f"stiffness and damping of higher order are ignored: {shorten(curved)}"
-    if sprung := [joint.name for joint in found.joints if joint.stiffness and joint.kind in _MOVING_KINDS]:
+    if sprung := [joint.name for joint in compiled.joints if joint.stiffness and joint.kind in _MOVING_KINDS]:
         yield f"joint springs are laws of the simulation: {shorten(sprung)}"
-    if found.medium:
+    if compiled.medium:
         yield "forces of the medium (density, viscosity, wind) are ignored"
 
 
-def _mjcf_text(name: str, found: _Compiled, source: Any) -> str:
+def _mjcf_text(name: str, compiled: _Compiled, source: Any) -> str:
     """MJCF of the compiled bodies and joints, with the time step of its source, which needs no other file."""
     from lxml import etree
 
     root = etree.Element("mujoco", {"model": name})
     etree.SubElement(root, "compiler", {"angle": "radian"})
     steps = [("timestep", x) for node in source.iter("option") if (x := node.get("timestep"))]
-    etree.SubElement(root, "option", {"gravity": _words(found.gravity), **dict(steps)})
+    etree.SubElement(root, "option", {"gravity": _words(compiled.gravity), **dict(steps)})
     nodes = [etree.SubElement(root, "worldbody")]
-    for body in found.bodies:
+    for body in compiled.bodies:
         pose = {"name": body.name, "pos": _words(body.pos), "quat": _words(body.quat), "gravcomp": repr(body.gravcomp)}
         node = etree.SubElement(nodes[body.parent], "body", pose)
         nodes.append(node)
         if body.mass:
             inertial = {"pos": body.ipos, "quat": body.iquat, "mass": [body.mass], "diaginertia": body.inertia}
             etree.SubElement(node, "inertial", {key: _words(value) for key, value in inertial.items()})
-    for joint in found.joints:
+    for joint in compiled.joints:
         stated = {"name": joint.name, "type": joint.kind}
         if joint.kind in _MOVING_KINDS:
             stated |= {key: _words(getattr(joint, key)) for key in ("pos", "axis", "range")}
@@ -329,9 +316,10 @@ def _mjcf_text(name: str, found: _Compiled, source: Any) -> str:
             stated |= effort
         etree.SubElement(nodes[joint.body], "joint", stated)
     ties = etree.SubElement(root, "equality")
-    for one, other, polynomial in found.ties:
-        second = {} if other < 0 else {"joint2": found.joints[other].name}
-        etree.SubElement(ties, "joint", {"joint1": found.joints[one].name, **second, "polycoef": _words(polynomial)})
+    for first, second, polynomial in compiled.ties:
+        leader = {} if second < 0 else {"joint2": compiled.joints[second].name}
+        follower = {"joint1": compiled.joints[first].name}
+        etree.SubElement(ties, "joint", {**follower, **leader, "polycoef": _words(polynomial)})
     etree.indent(root)
     return str(etree.tostring(root, encoding="unicode"))
 

@@ -1,1 +1,0 @@
-"""Readers of robot descriptions: URDF, xacro, MJCF, Denavit-Hartenberg parameters."""

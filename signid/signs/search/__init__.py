@@ -1,1 +1,0 @@
-"""Exact search for signs: boolean least squares, physical cone, certificate, branch and bound, local search."""
