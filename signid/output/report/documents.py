@@ -134,21 +134,21 @@ def law_units(robot: Robot, law: Law) -> dict[str, str]:
 
 
 WRITERS = {  # result type -> module below results/, and start of the names of its _document, _tables and _page
-    "Check": ("check.summaries", "check"),
+    "Check": ("check", "check"),
     "Conversion": ("recordings", "conversion"),
     "Diagnosis": ("diagnosis", "diagnosis"),
     "Excitation": ("simulation", "excitation"),
     "Identification": ("identification", "identification"),
-    "Inspection": ("inspection", "inspection"),
-    "Payload": ("payload", "payload"),
+    "Inspection": ("identification", "inspection"),
+    "Payload": ("identification", "payload"),
     "Separation": ("simulation", "excitation"),
-    "ServoAudit": ("check.summaries", "audit"),
+    "ServoAudit": ("check", "audit"),
     "ServoDiagnosis": ("servo_diagnosis", "servo_diagnosis"),
     "ServoIdentification": ("servo_identification", "servo_identification"),
     "ServoSimulation": ("simulation", "servo_simulation"),
     "ServoValidation": ("validation", "servo_validation"),
     "SimulationRun": ("simulation", "simulation"),
-    "UnusableRecordings": ("check.page", "unusable"),
+    "UnusableRecordings": ("check_page", "unusable"),
     "Validation": ("validation", "validation"),
 }
 REPORTED = (

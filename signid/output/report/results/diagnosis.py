@@ -14,12 +14,7 @@ from rich.text import Text
 from ....effects.naming import law_place
 from ....types import Input
 from ..documents import Document, description, fit_with_errors, opening, picked, provenance
-from ..layout import Worse, confidence, determination, figure, heading, log_odds, paragraph, plural, share
-from ..plots.courses import joint_plots, rollout_plots, worst
-from ..plots.frame import BLUE, ORANGE, Header, sections_page, shared
-from ..plots.heat import heat_maps, hottest
-from ..quantities import parameters
-from ..sections import (
+from ..layout import (
     Bar,
     Card,
     Cells,
@@ -34,10 +29,21 @@ from ..sections import (
     Plots,
     Section,
     Sentences,
+    Worse,
+    confidence,
+    determination,
+    figure,
+    heading,
+    log_odds,
+    paragraph,
+    plural,
+    share,
     terminal,
 )
+from ..pages import BLUE, ORANGE, Header, sections_page, shared
+from ..plots import heat_maps, hottest, joint_plots, rollout_plots, worst
+from ..quantities import changed_link, finding_numbers, law_words, number_cells, parameters
 from . import sentences as words
-from .laws import changed_link, finding_numbers, law_words, number_cells
 from .sentences import finding_headline, named, sentence_case, subject
 from .signs import signs_document, signs_sections
 

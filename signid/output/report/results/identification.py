@@ -1,11 +1,11 @@
-"""Identification of a robot: JSON document, terminal tables and page; parameters and sentences."""
+"""Identification and inspection of a robot, and payload of its last link: JSON documents, terminal tables and page."""
 
 from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import RenderableType
@@ -13,21 +13,55 @@ from rich.console import RenderableType
 from ....effects.base import Effect
 from ....estimation.excitation import MIN_INFO
 from ....model import standard_parameters, stated_inertials
-from ....types import TWO_SIDED, Array, BaseMap, Input, Law, pseudo_inertia
-from ..documents import Document, description, ending, excitation_verdict, fit_document, opening, recorded, rms
-from ..layout import determination, figure, heading, plural, share, torque_units, with_interval
-from ..plots.courses import held_out_rows, joint_plots, worst
-from ..plots.frame import Header, sections_page, shared
-from ..plots.heat import correlation_plot, excitation_plot, tied
-from ..quantities import Quantity, effect_document, grid, law_numbers, spaced
-from ..sections import Bar, Card, Cells, Folds, Key, Legend, Plain, Plots, Section, Sentences, terminal
-from .laws import law_document
+from ....types import INERTIAL, TWO_SIDED, Array, BaseMap, Input, Law, Robot, pseudo_inertia
+from ..documents import (
+    Document,
+    description,
+    ending,
+    excitation_verdict,
+    fit_document,
+    opening,
+    picked,
+    provenance,
+    recorded,
+    rms,
+)
+from ..layout import (
+    Bar,
+    Card,
+    Cells,
+    Folds,
+    Key,
+    Legend,
+    Plain,
+    Plots,
+    Section,
+    Sentences,
+    determination,
+    figure,
+    heading,
+    name_cell,
+    new_table,
+    note_lines,
+    paragraph,
+    plural,
+    position_units,
+    share,
+    terminal,
+    torque_units,
+    with_interval,
+)
+from ..pages import Header, sections_page, shared
+from ..plots import correlation_plot, excitation_plot, held_out_rows, joint_plots, tied, worst
+from ..quantities import Quantity, effect_document, grid, law_document, law_numbers, spaced
 from .signs import drawn_signs, signs_document, signs_sections
 
 if TYPE_CHECKING:
     from ....estimation.excitation import ExcitationVerdict
     from ....estimation.fit_quality import Fit
     from ....identify import Identification
+    from ....inspect import Inspection
+    from ....payload import Payload
     from ....simulation.refine import Refinement
 
 COEFFICIENT_STEP = 1e-6  # [1] step of finite differences over the coefficients of a law
@@ -46,6 +80,9 @@ CONSISTENT = (
     "Only combinations are identifiable; the remaining degrees of freedom come from the description. A body is "
     "physically consistent if no eigenvalue is negative (Wensing, Kim, Slotine, IEEE RA-L 3(1), 2018)."
 )
+READING_STYLES = {"right": "green", "uncertain": "yellow", "wrong": "red"}
+HEADS = ("joint", "#>", "type", "carries link", "lower>", "upper>", "velocity>", "effort>", "unit")
+BASE_STYLES = {"identifiable": "green", "weak": "yellow", "unidentifiable": "red"}
 
 
 def identified_numbers(result: Identification) -> list[list[Quantity]]:
@@ -323,3 +360,138 @@ def _centre(inertial: Array) -> str:
     """Format a centre of mass [mm]; less than a nanometre is rounding error."""
     mass = float(inertial[0])
     return ", ".join(figure(round(1e3 * float(x) / mass, 6)) for x in inertial[1:4]) if mass else "-"
+
+
+def inspection_document(found: Inspection, inputs: Sequence[Input] = (), seed: int = 0) -> Document:
+    """Build the output of `signid inspect --json`; `inputs` defaults to the robot description."""
+    robot = found.robot
+    return {
+        "schema": "signid.inspection/1",
+        "robot": robot.name,
+        "joints": joint_documents(robot),
+        "links": list(robot.links),
+        "base_parameters": base_documents(found.base),
+        **picked(found, "invisible combined"),
+        "suspect": [suspect._asdict() for suspect in found.suspect],
+        "flags": list(found.flags),
+        "notes": list(robot.notes),
+        **provenance((), inputs or [description(robot)], seed),
+    }
+
+
+def inspection_tables(found: Inspection) -> list[RenderableType]:
+    """Joints, links, base parameters as formulas, and unidentifiable parameters."""
+    robot, base = found.robot, found.base
+    formulas = new_table("base parameter", "unit", rows=zip(base.expressions, base.units, strict=True))
+    bodies: dict[int | None, list[str]] = {}
+    for label in base.invisible:
+        bodies.setdefault(label.body, []).append(label.name)
+    hidden = new_table("link", "standard parameters")
+    for body, names in bodies.items():
+        hidden.add_row("(actuators)" if body is None else f"{body + 1}  {robot.links[body]}", ", ".join(names))
+    size = f"{plural(len(robot.joints), 'joint')}, {plural(len(robot.links), 'moving link')}"
+    counted = f"{base.rank} base parameters, combinations of {len(base.labels)} standard parameters"
+    return [
+        heading(f"{robot.name}: {size}", below=False),
+        *joint_table(robot),
+        heading(f"{counted} (indices: moving links)"),
+        formulas,
+        *([heading("Unidentifiable from any motion"), hidden] if base.invisible else []),
+        paragraph(f"{plural(len(found.combined), 'standard parameter')}: identifiable only in combination."),
+        *note_lines(robot.notes),
+    ]
+
+
+def joint_table(robot: Robot) -> list[RenderableType]:
+    """Joints with their limits; a type or unit that all joints have stands once, below the table."""
+    joints = joint_documents(robot)
+    equal = {key: joints[0][key] for key in ("type", "unit") if len({joint[key] for joint in joints}) == 1}
+    common = ["type", "unit"] if len(equal) == 2 and len(joints) > 1 else []
+    table = new_table(*(head for head in HEADS if head not in common))
+    for joint in joints:
+        name, number, kind, link, *limits, unit = joint.values()
+        cells = dict(zip(HEADS, (name, str(number), kind, name_cell(link), *map(figure, limits), unit), strict=True))
+        table.add_row(*(cell for head, cell in cells.items() if head not in common))
+    effort = "N" if equal.get("type") == "prismatic" else "N.m"
+    said = f"All joints are {equal.get('type')}: limits in {equal.get('unit')}, {equal.get('unit')}/s and {effort}."
+    return [table, *([paragraph(said)] if common else [])]
+
+
+def joint_documents(robot: Robot) -> list[Document]:
+    """Actuated joints; limits in `unit`, `unit`/s and N.m or N, infinite if not stated."""
+    bounded = np.isfinite(robot.upper - robot.lower)
+    return [
+        {
+            "name": name,
+            "number": robot.numbers[j],
+            "type": "prismatic" if robot.prismatic[j] else "revolute" if bounded[j] else "continuous",
+            "link": _link(robot, j),
+            "lower": float(robot.lower[j]),
+            "upper": float(robot.upper[j]),
+            "velocity_limit": float(robot.velocity_limit[j]),
+            "effort_limit": float(robot.effort_limit[j]),
+            "unit": unit,
+        }
+        for j, (name, unit) in enumerate(zip(robot.joints, position_units(robot), strict=True))
+    ]
+
+
+def _link(robot: Robot, j: int) -> str:
+    """Name of the link that the joint moves; a joint's own link precedes links of mimic joints."""
+    rows = np.flatnonzero(robot.drive[:, j])
+    bodies = zip(list(robot.model.names)[1:], list(robot.model.joints)[1:], robot.links, strict=True)
+    moved = [
+        (name != robot.joints[j], link)
+        for name, joint, link in bodies
+        if np.any((rows >= joint.idx_v) & (rows < joint.idx_v + joint.nv))
+    ]
+    return min(moved, key=lambda entry: entry[0])[1] if moved else ""
+
+
+def payload_document(found: Payload, inputs: Sequence[Input] = ()) -> Document:
+    """Build the output of `signid payload --json`; `inputs` besides the recordings default to the description."""
+    parts: dict[str, Any] = {}
+    if found.found:
+        parts = {"mass": (found.mass, "kg"), "centre": (found.centre, "m"), "inertia": (found.inertia, "kg.m^2")}
+    effect = {"effect": found.law.effect.name, "parameters": dict(found.law.parameters)} if found.found else None
+    moments = [{"t": m.t, "std": m.std, "unit": "s", "picked_up": m.picked_up} for m in found.moments]
+    return {
+        "schema": "signid.payload/1",
+        "robot": found.robot.name,
+        "link": found.link,
+        "found": found.found,
+        **{key: {"value": value, "std": std, "unit": unit} for key, ((value, std), unit) in parts.items()},
+        "effect": effect,
+        "moments": moments,
+        "physically_consistent": found.found,
+        **picked(found, "moved misfit"),
+        "cutoff": {"torque": found.cutoff, "unit": "Hz"},
+        **ending(found, found.inputs, inputs or [description(found.robot)], found.seed),
+    }
+
+
+def payload_numbers(found: Payload) -> list[Quantity]:
+    """Numbers of the load and its moments, from which tables and frames follow."""
+    centre = zip((f"centre_{axis}" for axis in "xyz"), *found.centre, ["m"] * 3, strict=True)
+    load = [("mass", *found.mass, "kg"), *centre, *zip(INERTIAL[4:], *found.inertia, ["kg.m2"] * 6, strict=True)]
+    moments = [("picked_up" if each.picked_up else "put_down", each.t, each.std, "s") for each in found.moments]
+    numbers = [*(load if found.found else []), *moments]
+    return [Quantity(name, float(value), float(std), unit) for name, value, std, unit in numbers]
+
+
+def _title(name: str) -> str:
+    if name in INERTIAL:
+        return f"{name} about its centre"
+    return spaced(name).replace("centre", "centre of mass") + (" at" if name in ("picked_up", "put_down") else "")
+
+
+def payload_tables(found: Payload) -> list[RenderableType]:
+    """Mass, centre of mass and inertia with their intervals; moments, or the notes alone without a load."""
+    head = heading(f"{found.robot.name}: payload of {found.link}, in its joint frame", below=False)
+    if not found.found:
+        return [head, paragraph("No load was found."), *note_lines(found.notes)]
+    rows = [(_title(x.name), *x.interval("-"), x.unit) for x in payload_numbers(found)]
+    change = f"this changed the difference of base parameters by at most {found.moved:.1f} standard deviations"
+    sentence = f"The inertia is physically consistent; {change}. Cut-off {found.cutoff:.3g} Hz."
+    section = Section("", (Cells(("payload", "value>", "± (95 %)>", "unit"), rows), Plain(sentence)))
+    return [head, *terminal([section], found.notes)]

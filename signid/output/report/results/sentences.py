@@ -12,8 +12,7 @@ from ....effects.naming import law_place
 from ....errors import shorten
 from ....types import TWO_SIDED, Coefficient, Effect, Law, Robot, Shape
 from ..layout import UNKNOWN_TEXT, confidence, figure, plural, share
-from ..quantities import Quantity, law_numbers, spaced
-from .laws import changed_link, law_words, number_lines
+from ..quantities import Quantity, changed_link, law_numbers, law_words, number_lines, spaced
 
 if TYPE_CHECKING:
     from ....diagnose import Diagnosis, Finding

@@ -14,9 +14,20 @@ from ....errors import shorten
 from ....servos import servos_document
 from ....types import Array, Input, Law, Robot
 from ..documents import Document, description, ending, opening, picked, provenance
-from ..layout import figure, heading, plural, position_units, share, torque_units
-from ..sections import Cells, Plain, Section, Sentences, terminal
-from .laws import law_document
+from ..layout import (
+    Cells,
+    Plain,
+    Section,
+    Sentences,
+    figure,
+    heading,
+    plural,
+    position_units,
+    share,
+    terminal,
+    torque_units,
+)
+from ..quantities import law_document
 
 if TYPE_CHECKING:
     from ....model import Model

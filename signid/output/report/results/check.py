@@ -8,17 +8,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich.console import RenderableType
 
-from .....errors import named_for_caller
-from .....estimation.excitation import MIN_INFO
-from .....faults import OF_A_FIT
-from .....faults.gravity import WHOLE
-from .....types import TWO_SIDED, Array, Input
-from ...documents import Document, description, ending, excitation_verdict, once, picked, recorded, stamps_clock
-from ...layout import figure, plural, position_units, share, torque_units
-from ...sections import Cells
-from ..identification import base_documents, cutoff_words, excited_words
-from .page import recorded_plots, recording_files, summary_page, used_times
-from .summary import (
+from ....errors import named_for_caller
+from ....estimation.excitation import MIN_INFO
+from ....faults import OF_A_FIT
+from ....faults.gravity import WHOLE
+from ....types import TWO_SIDED, Array, Input
+from ..documents import Document, description, ending, excitation_verdict, once, picked, recorded, stamps_clock
+from ..layout import Cells, figure, plural, position_units, share, torque_units
+from .check_page import recorded_plots, recording_files, summary_page, used_times
+from .check_summary import (
     FAULTY,
     GOOD,
     LIMITED,
@@ -36,11 +34,12 @@ from .summary import (
     unit_notes,
     unit_uses,
 )
+from .identification import base_documents, cutoff_words, excited_words
 
 if TYPE_CHECKING:
-    from .....check import Check
-    from .....faults import JointAudit, RecordingFaults, ServoAudit
-    from .....recording.sampling import Sampling
+    from ....check import Check
+    from ....faults import JointAudit, RecordingFaults, ServoAudit
+    from ....recording.sampling import Sampling
 
 DRIVE_LEGEND = (
     "range: of the command; error: rms of command - position; lag: delay of a slow ramp beside that of dry friction; "
@@ -203,7 +202,7 @@ def _clear(found: Check) -> Iterator[str]:
 
 def gravity_use(found: Check) -> GravityUse:
     """Compare the stated gravity with the weight in the torque."""
-    from .....robot.joints import gravity_text, root_link
+    from ....robot.joints import gravity_text, root_link
 
     if other := next((fault for fault in found.faults.findings if fault.kind == "gravity"), None):
         return GravityUse("differs", first_part(other.sentence))

@@ -12,15 +12,29 @@ from typing import Any, NamedTuple
 import numpy as np
 from rich.console import RenderableType
 
-from .....faults import UnusableRecordings
-from .....types import Array, Input, Recording, Samples
-from .....version import __version__
-from ...documents import Document, ending, once
-from ...layout import figure, plot_markup, plural
-from ...plots.courses import MAX_OPEN, MIN_POINTS, Line, Panes, line_points, recorded_lines
-from ...plots.frame import BLUE, GREEN, GREY, ORANGE, Header, axis, curve, packed, sections_page
-from ...sections import INK, Card, Cells, Folds, JointPlots, Key, Legend, Plain, Plot, Section, Sentences
-from .summary import (
+from ....faults import UnusableRecordings
+from ....types import Array, Input, Recording, Samples
+from ....version import __version__
+from ..documents import Document, ending, once
+from ..layout import (
+    INK,
+    Card,
+    Cells,
+    Folds,
+    JointPlots,
+    Key,
+    Legend,
+    Plain,
+    Plot,
+    Section,
+    Sentences,
+    figure,
+    plot_markup,
+    plural,
+)
+from ..pages import BLUE, GREEN, GREY, ORANGE, Header, axis, curve, packed, sections_page
+from ..plots import MAX_OPEN, MIN_POINTS, Line, Panes, line_points, recorded_lines
+from .check_summary import (
     SAMPLING_HEADS,
     UNUSABLE,
     CheckSummary,

@@ -1,4 +1,4 @@
-"""Results as text of at most 40 lines and as compact HTML, from the tables of the commands."""
+"""Results in a Python session: text of at most 40 lines, HTML in notebooks, tables by name, saved models."""
 
 from __future__ import annotations
 
@@ -15,22 +15,21 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from ...errors import OutputError
-from ...model import stated_inertials
-from ...servos import SERVO_NUMBERS, SERVO_UNITS
-from ...types import Recording, Robot
-from ..report.documents import rms, tables as command_tables, to_json
-from ..report.layout import figure, heading, new_table, note_lines, paragraph, plural, share, with_interval
-from ..report.results.fleet import fleet_tables
-from ..report.results.identification import fit_rows
-from ..report.results.inspection import joint_table
-from ..report.results.laws import law_document
-from ..report.results.signs import signs_tables
-from ..report.write import write_files
-from .frames import frame_names
+from ..errors import OutputError
+from ..model import stated_inertials
+from ..servos import SERVO_NUMBERS, SERVO_UNITS
+from ..types import Recording, Robot
+from .frames import frame as frame, frame_names
+from .report.documents import rms, tables as command_tables, to_json
+from .report.layout import figure, heading, new_table, note_lines, paragraph, plural, share, with_interval
+from .report.quantities import law_document
+from .report.results.fleet import fleet_tables
+from .report.results.identification import fit_rows, joint_table
+from .report.results.signs import signs_tables
+from .report.write import write_files
 
 if TYPE_CHECKING:
-    from ...model import Model
+    from ..model import Model
 
 MAX_LINES, WIDTH = 40, 100  # lines, and characters per line, of a repr
 MIN_SECTION_LINES = 3  # lines that a shortened section keeps: blank line, heading, number of the others

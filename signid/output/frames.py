@@ -9,17 +9,14 @@ from typing import Any, TypeAlias
 import numpy as np
 import polars as pl
 
-from ...effects.naming import law_place
-from ...errors import OptionError
-from ...servos import SERVO_NUMBERS, SERVO_UNITS
-from ...types import INERTIAL, INERTIAL_UNITS, Array, Law, Recording, Robot
-from ..report.documents import picked
-from ..report.quantities import Quantity, law_numbers
-from ..report.results.identification import identified_numbers, whole_numbers
-from ..report.results.inspection import joint_documents
-from ..report.results.laws import finding_numbers
-from ..report.results.payload import payload_numbers
-from ..report.results.servo_identification import drive_numbers
+from ..effects.naming import law_place
+from ..errors import OptionError
+from ..servos import SERVO_NUMBERS, SERVO_UNITS
+from ..types import INERTIAL, INERTIAL_UNITS, Array, Law, Recording, Robot
+from .report.documents import picked
+from .report.quantities import Quantity, finding_numbers, law_numbers
+from .report.results.identification import identified_numbers, joint_documents, payload_numbers, whole_numbers
+from .report.results.servo_identification import drive_numbers
 
 Rows: TypeAlias = Iterable[tuple[Any, ...]]
 Table: TypeAlias = Callable[[Any], pl.DataFrame] | tuple[str, Callable[[Any], Rows]]  # or columns and rows
@@ -161,7 +158,7 @@ def _residuals(result: Any) -> pl.DataFrame:
     if hasattr(result, "held_out"):
         course = result.held_out
     else:
-        from ..report.plots.courses import held_out_rows
+        from .report.plots import held_out_rows
 
         course = held_out_rows(result.session, result.judged)[0]
     return _long([(course.joints, picked(course, "recording t"), picked(course, "q v torque before after"))])

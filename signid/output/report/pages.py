@@ -1,4 +1,4 @@
-"""Rendering of self-contained pages: templates, style, plots and script."""
+"""Rendering of self-contained pages: templates, style and script, and the parts of their plots."""
 
 from __future__ import annotations
 
@@ -10,15 +10,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ....servos import Servo
-from ....types import Array, Indices, Input, Robot
-from ....version import __version__
-from ..documents import description, once
-from ..layout import content_policy, figure, plot_markup, share
-from ..sections import Card, Plot, Section
+from ...servos import Servo
+from ...types import Array, Indices, Input, Robot
+from ...version import __version__
+from .documents import description, once
+from .layout import Card, Plot, Section, content_policy, figure, plot_markup, share
 
 if TYPE_CHECKING:
-    from ....servo.identify import ServoIdentification, ServoJoint
+    from ...servo.identify import ServoIdentification, ServoJoint
 
 TEMPLATES = Path(__file__).parent / "templates"
 PLOTLY_FILE = "plotly-cartesian.min.js.gz"  # scatter, bar and heat map: 1.5 MB of a page, of Plotly's 4.8 MB
