@@ -104,7 +104,7 @@ class _Table(Table):
             taken = _width(console, column)
             if taken > room:
                 groups.append([])
-                room = options.max_width - sum(_width(console, one) for one in first)
+                room = options.max_width - sum(_width(console, head) for head in first)
             groups[-1].append(column)
             room -= taken
         groups = [group for group in groups if group]
@@ -363,9 +363,9 @@ class Bar(str):
     percent: float
 
     def __new__(cls, text: str, percent: float) -> Bar:
-        found = super().__new__(cls, text)
-        found.percent = percent
-        return found
+        bar = super().__new__(cls, text)
+        bar.percent = percent
+        return bar
 
 
 class Cells(NamedTuple):
@@ -458,15 +458,13 @@ class Section(NamedTuple):
 
 def terminal(sections: Iterable[Section], notes: Iterable[str]) -> list[RenderableType]:
     """Headings, tables and sentences of the sections that have any, and notes."""
-    shown = [line for section in sections if section.shown for line in _lines(section)]
+    shown: list[RenderableType] = []
+    for section in sections:
+        if section.title and section.shown:
+            shown.append(heading(section.title))
+        for block in section.shown:
+            if isinstance(block, Cells):
+                shown.append(new_table(*block.heads, rows=block.rows))
+            elif isinstance(block, Sentences | Plain):
+                shown += map(paragraph, block.said if isinstance(block, Sentences) else [block.plain])
     return [*shown, *note_lines(notes)]
-
-
-def _lines(section: Section) -> Iterator[RenderableType]:
-    if section.title:
-        yield heading(section.title)
-    for block in section.shown:
-        if isinstance(block, Cells):
-            yield new_table(*block.heads, rows=block.rows)
-        elif isinstance(block, Sentences | Plain):
-            yield from map(paragraph, block.said if isinstance(block, Sentences) else [block.plain])

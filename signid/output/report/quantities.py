@@ -180,10 +180,10 @@ class NumberCells(NamedTuple):
 
 def law_document(robot: Robot, law: Law) -> Document:
     """Effect, joint and parameters of a stated law, without standard deviations."""
-    found = effect_document(law.effect.name, law_place(law, robot)[0], law_numbers(robot, law, {}))
-    for number in found["parameters"].values():
+    document = effect_document(law.effect.name, law_place(law, robot)[0], law_numbers(robot, law, {}))
+    for number in document["parameters"].values():
         del number["std"]
-    return found
+    return document
 
 
 def changed_link(robot: Robot, law: Law) -> str | None:
@@ -231,16 +231,13 @@ def number_lines(robot: Robot, finding: Finding) -> tuple[str, ...]:
 
 
 def _cells(x: Quantity) -> NumberCells:
-    before, unit = "" if x.stated is None else _as_fine(x.stated, x.std), "" if x.unit == "1" else x.unit
+    before, unit = "", "" if x.unit == "1" else x.unit
+    if x.stated is not None:  # with the digits of its estimate, if these suffice
+        fine = x.std is not None and isfinite(x.std) and 0 < TWO_SIDED * x.std < abs(x.stated)
+        before = with_interval(x.stated, x.std)[0] if fine and x.std is not None else figure(x.stated)
     value, half = x.interval("")
     half, unit = ("", unit if before else "") if value == UNKNOWN_TEXT else (half, unit)
     return NumberCells(x.name, before, value, half, unit)
-
-
-def _as_fine(stated: float, std: float | None) -> str:
-    """A stated parameter with the digits of its estimate, if these suffice."""
-    fine = std is not None and isfinite(std) and 0 < TWO_SIDED * std < abs(stated)
-    return with_interval(stated, std)[0] if fine and std is not None else figure(stated)
 
 
 def effects_document(effects: Sequence[Effect]) -> Document:

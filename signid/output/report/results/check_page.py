@@ -193,13 +193,13 @@ def recorded_plots(
     ]
     longest = max(drawn, key=lambda one: max((b - a for a, b in one.stretches), default=0.0))
     rows = _longest_stretch(longest)
-    for joint, unit, own in zip(joints, units, marks, strict=True):
-        having = [one for one in drawn if joint in one.recording.joints]
+    for joint, unit, frequencies in zip(joints, units, marks, strict=True):
+        having = [recording for recording in drawn if joint in recording.recording.joints]
         if not having:
             continue
         plots = [_over_time(joint, _sequence(having, joint), *unit)]
         if rows is not None and joint in longest.recording.joints:
-            plots += _spectra(rows, longest.recording.joints.index(joint), *unit, own)
+            plots += _spectra(rows, longest.recording.joints.index(joint), *unit, frequencies)
         row = next(row for row in summary.joints.rows if row[0] == joint)
         words = f"range {row[1]} {unit[0]}" + (f"; {faulty[joint]}" if joint in faulty else "")
         yield JointPlots(joint, words, joint in shown, tuple(plots))

@@ -115,13 +115,6 @@ def _alone(base: BaseMap) -> dict[int, int]:
     return {int(lead): row for row, lead in enumerate(base.independent) if terms[row] == 1}
 
 
-def _rigid_rows(base: BaseMap) -> list[int]:
-    """Base parameters other than a single coefficient of a law."""
-    singles = _alone(base)
-    laws = {singles[k] for k, label in enumerate(base.labels) if label.law is not None and k in singles}
-    return [row for row in range(base.rank) if row not in laws]
-
-
 def _deviations(result: Identification, law: Law, rows: Sequence[int | None]) -> dict[str, float]:
     """Standard deviation of each identifiable parameter, from the base parameters `rows` that are its coefficients."""
     effect, estimate = law.effect, result.estimate
@@ -156,11 +149,11 @@ def identification_document(result: Identification, inputs: Sequence[Input] = ()
         "standard_parameters": standard_parameters(robot, result.parameters.bodies()),
         "physically_consistent": result.physically_consistent,
         **{x.name: x.value if x.known else None for x in whole_numbers(result)},
-        "effects": [effect_document(some[0].law, some[0].joint, some) for some in identified_numbers(result)],
+        "effects": [effect_document(law[0].law, law[0].joint, law) for law in identified_numbers(result)],
         "signs": None if result.signs is None else signs_document(result.signs),
         "fit": {**fit_document(result.fit), "refit": result.fit.refit},
         "lacks": [{key: x for key, x in list(vars(lack).items())[:4]} for lack in result.lacks],
-        "varies": [one._asdict() for one in result.varies],
+        "varies": [law._asdict() for law in result.varies],
         **({} if result.refinement is None else {"refinement": _refinement(result, result.refinement)}),
         "excitation": excitation_verdict(result.excitation),
         "method": result.method,
@@ -174,9 +167,12 @@ def identification_document(result: Identification, inputs: Sequence[Input] = ()
 def identification_tables(result: Identification) -> list[RenderableType]:
     """Base parameters and laws with their intervals, fit, excitation and physical consistency."""
     base, heads = result.base, ("joint", "training>", "held out>", "noise floor>", "unit", "R2 held out>")
-    rows = [
+    singles = _alone(base)
+    laws = {singles[k] for k, label in enumerate(base.labels) if label.law is not None and k in singles}
+    rows = [  # single coefficients of laws are in the table of laws
         (base.expressions[k], *with_interval(result.base_value[k], result.estimate.std[k]), base.units[k])
-        for k in _rigid_rows(base)
+        for k in range(base.rank)
+        if k not in laws
     ]
     sentences = (
         excited_words(result.excitation),
@@ -299,7 +295,7 @@ def identification_page(result: Identification, inputs: Sequence[Input] = (), co
                 Sentences(pairs),
             ),
         ),
-        Section("Bodies", (Plain(consistent_words(result)), Cells(BODIES, list(_links(result))), Legend(CONSISTENT))),
+        Section("Bodies", (Plain(consistent_words(result)), Cells(BODIES, _links(result)), Legend(CONSISTENT))),
         Section("Excitation", (Plain(excited_words(result.excitation)), Plots([excitation_plot(result.excitation)]))),
         Section("Method", (Legend(method),)),
     ]
@@ -347,19 +343,18 @@ def _bounds(result: Identification) -> Iterator[tuple[str, ...]]:
         yield str(number), name, *with_interval(value, std), unit, bar
 
 
-def _links(result: Identification) -> Iterator[tuple[str, ...]]:
+def _links(result: Identification) -> list[tuple[str, ...]]:
     """Described and identified mass and centre of mass, and smallest eigenvalue of the pseudo-inertia, per link."""
+    rows = []
     columns = (result.robot.links, stated_inertials(result.robot), result.parameters.bodies())
-    for link, stated, found in zip(*columns, strict=True):
-        least = float(np.linalg.eigvalsh(pseudo_inertia(found))[0])
-        centres = (_centre(inertial) for inertial in (stated, found))
-        yield link, figure(float(stated[0])), figure(float(found[0])), *centres, figure(least, 2)
-
-
-def _centre(inertial: Array) -> str:
-    """Format a centre of mass [mm]; less than a nanometre is rounding error."""
-    mass = float(inertial[0])
-    return ", ".join(figure(round(1e3 * float(x) / mass, 6)) for x in inertial[1:4]) if mass else "-"
+    for link, stated, identified in zip(*columns, strict=True):
+        masses, centres = [float(body[0]) for body in (stated, identified)], []
+        for mass, body in zip(masses, (stated, identified), strict=True):  # less than a nanometre is rounding error
+            in_mm = [round(1e3 * float(moment) / mass, 6) for moment in body[1:4]] if mass else []
+            centres.append(", ".join(map(figure, in_mm)) or "-")
+        least = float(np.linalg.eigvalsh(pseudo_inertia(identified))[0])
+        rows.append((link, *map(figure, masses), *centres, figure(least, 2)))
+    return rows
 
 
 def inspection_document(found: Inspection, inputs: Sequence[Input] = (), seed: int = 0) -> Document:
@@ -474,7 +469,7 @@ def payload_numbers(found: Payload) -> list[Quantity]:
     """Numbers of the load and its moments, from which tables and frames follow."""
     centre = zip((f"centre_{axis}" for axis in "xyz"), *found.centre, ["m"] * 3, strict=True)
     load = [("mass", *found.mass, "kg"), *centre, *zip(INERTIAL[4:], *found.inertia, ["kg.m2"] * 6, strict=True)]
-    moments = [("picked_up" if each.picked_up else "put_down", each.t, each.std, "s") for each in found.moments]
+    moments = [("picked_up" if x.picked_up else "put_down", x.t, x.std, "s") for x in found.moments]
     numbers = [*(load if found.found else []), *moments]
     return [Quantity(name, float(value), float(std), unit) for name, value, std, unit in numbers]
 

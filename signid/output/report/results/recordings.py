@@ -45,6 +45,11 @@ def conversion_document(found: Conversion, inputs: Sequence[Input] = ()) -> Docu
 
 def conversion_tables(found: Conversion) -> list[RenderableType]:
     """Topics, joints and timing of a conversion."""
+    topics = new_table("topic", "type", "messages>", "Hz>", "joints")
+    for topic in found.about.topics:
+        rate = figure(topic.rate) if np.isfinite(topic.rate) else ""
+        names = shorten(topic.joints, MAX_TOPIC_JOINTS) if topic.read else "(not read)"
+        topics.add_row(topic.name, topic.kind.rpartition("/")[2], str(topic.messages), rate, names)
     joints = new_table("joint", "columns", *(["converted from"] if found.units else []))
     for joint, kinds in found.joints.items():
         units = dict.fromkeys(unit for kind in kinds if (unit := found.units.get(f"{kind}_{joint}")))
@@ -56,7 +61,7 @@ def conversion_tables(found: Conversion) -> list[RenderableType]:
         title += f", {figure(pace.duration)} s at {figure(pace.rate)} Hz, {gaps}"
     return [
         heading(title, below=False),
-        *_topics(found),
+        *([topics] if found.about.topics else []),
         *([joints] if found.joints else []),
         *([paragraph(f"Other columns, unchanged: {shorten(others)}")] if others else []),
         *([paragraph(f"Clock: {found.about.clock}.")] if found.about.clock else []),
@@ -72,30 +77,19 @@ def _rows(found: Conversion) -> int:
     return len(next(iter(found.columns.values()), ()))
 
 
-def _topics(found: Conversion) -> list[RenderableType]:
-    if not found.about.topics:
-        return []
-    table = new_table("topic", "type", "messages>", "Hz>", "joints")
-    for topic in found.about.topics:
-        rate = figure(topic.rate) if np.isfinite(topic.rate) else ""
-        joints = shorten(topic.joints, MAX_TOPIC_JOINTS) if topic.read else "(not read)"
-        table.add_row(topic.name, topic.kind.rpartition("/")[2], str(topic.messages), rate, joints)
-    return [table]
-
-
 def data_document(sets: Iterable[DataSet], folder: Path, written: Sequence[Path] = ()) -> Document:
     """Build the output of `signid data --json`: data sets and written files."""
     described = [
         {
-            "name": one.name,
-            "title": one.title,
-            "duration": one.seconds,
-            **picked(one, "drives repository commit base licence cite megabytes"),
-            "folder": str(folder / one.folder),
-            "here": is_complete(one, folder / one.folder),
-            "files": [{"name": x.name, "sha256": x.sha256, "sources": list(x.sources)} for x in one.products],
+            "name": data.name,
+            "title": data.title,
+            "duration": data.seconds,
+            **picked(data, "drives repository commit base licence cite megabytes"),
+            "folder": str(folder / data.folder),
+            "here": is_complete(data, folder / data.folder),
+            "files": [{"name": x.name, "sha256": x.sha256, "sources": list(x.sources)} for x in data.products],
         }
-        for one in sets
+        for data in sets
     ]
     known = {"schema": "signid.data/1", "folder": str(folder), "sets": described}
     return {**known, "written": [str(path) for path in written], "version": __version__}
@@ -106,11 +100,11 @@ def data_tables(sets: Iterable[DataSet], folder: Path) -> list[RenderableType]:
     listed, parts = list(sets), list[RenderableType]()
     for title, drives in (("Torques or motor currents", False), ("Position drives: commands and positions", True)):
         table = new_table("name", "content", "duration [s]>", "download [MB]>", "present")
-        for one in (one for one in listed if one.drives is drives):
-            here = "yes" if is_complete(one, folder / one.folder) else "no"
-            table.add_row(one.name, one.title, f"{one.seconds:.0f}", f"{one.megabytes:g}", here)
+        for data in (data for data in listed if data.drives is drives):
+            here = "yes" if is_complete(data, folder / data.folder) else "no"
+            table.add_row(data.name, data.title, f"{data.seconds:.0f}", f"{data.megabytes:g}", here)
         parts += [heading(title, below=bool(parts)), table] if table.rows else []
-    sources = [paragraph(f"{one.name}: github.com/{one.repository}, licence {one.licence}") for one in listed]
+    sources = [paragraph(f"{data.name}: github.com/{data.repository}, licence {data.licence}") for data in listed]
     advice = f"\nsignid data NAME downloads one into {folder} after confirmation."
     return [*parts, paragraph(""), *sources, paragraph(advice)]
 

@@ -93,14 +93,18 @@ class SimulationRun:
 
 def simulation_document(run: SimulationRun, inputs: Sequence[Input] = (), seed: int = 0) -> Document:
     """Build the output of `signid simulate --json`; `inputs` defaults to the robot description."""
-    robot, s = run.model.robot, run.simulation
+    from ....simulation.plant.control import Tracking
+
+    robot, s, drive = run.model.robot, run.simulation, {"kind": "open loop"}
+    if isinstance(run.drive, Tracking):
+        drive = {"kind": "closed loop", **picked(run.drive, "stiffness damping feed_forward")}
     return {
         **opening("signid.simulation/1", robot),
         "effects": [
             {**law_document(robot, law), "injected": any(law is other for other in run.injected)}
             for law in run.model.laws
         ],
-        "drive": _drive(run.drive),
+        "drive": drive,
         "step": float(s.t[1] - s.t[0]) if len(s.t) > 1 else None,
         "duration": float(s.t[-1]),
         "integrator": run.integrator,
@@ -176,14 +180,6 @@ def servo_simulation_tables(run: ServoSimulation) -> list[RenderableType]:
     return [heading(title, below=False), *terminal([section], run.notes)]
 
 
-def _drive(drive: Drive) -> Document:
-    from ....simulation.plant.control import Tracking
-
-    if not isinstance(drive, Tracking):
-        return {"kind": "open loop"}
-    return {"kind": "closed loop", **picked(drive, "stiffness damping feed_forward")}
-
-
 def excitation_document(
     found: Excitation | Separation, inputs: Sequence[Input] = (), *, robot: Robot, seed: int = 0
 ) -> Document:
@@ -192,7 +188,7 @@ def excitation_document(
         **opening("signid.excitation/1", robot),
         "duration": float(found.trajectory.t[-1]),
         "rows": len(found.trajectory.t),
-        **_own(robot, found),
+        **_purpose(robot, found),
         "noise": found.noise,
         "torque_unit": torque_units(robot),
         "use": picked(found.use, LIMIT_NAMES),
@@ -215,7 +211,7 @@ def excitation_tables(found: Excitation | Separation, *, robot: Robot) -> list[R
     return [heading(f"{robot.name}: {size}", below=False), *terminal(sections, found.notes)]
 
 
-def _own(robot: Robot, found: Excitation | Separation) -> dict[str, Any]:
+def _purpose(robot: Robot, found: Excitation | Separation) -> dict[str, Any]:
     from ....simulation.excite import Separation
 
     if isinstance(found, Separation):
