@@ -152,7 +152,21 @@ def _friction_plot(result: ServoIdentification, one: ServoJoint) -> Iterator[Plo
         y = steady_friction(servo, v, load, servo.viscous_friction if split else 0.0)
         line = {"color": colour, "width": 2}
         data.append(curve(name, packed(v), packed(y), line, hovertemplate=hover))
-    yield Plot(f"{one.joint}: {_words(one, split)}", data, _layout(unit))
+    corner = {"xref": "paper", "yref": "paper", "y": 0.02, "showarrow": False, "font": {"color": "#5b6773"}}
+    layout = {
+        "xaxis": axis(f"speed [{'m/s' if unit == 'N' else 'rad/s'}]", nticks=6, zeroline=True),
+        "yaxis": axis(f"friction [{unit}]", nticks=6, zeroline=True),
+        "annotations": [
+            {**corner, "text": "back-drive", "x": 0.02, "xanchor": "left", "y": 0.98},
+            {**corner, "text": "drive", "x": 0.98, "xanchor": "right"},
+        ],
+        "showlegend": True,
+        "legend": {"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom"},
+    }
+    shown, damping = "dry and viscous friction" if split else "dry friction", numbers.get("damping")
+    if not split and damping is not None and damping.value is not None:
+        shown += f"; viscous at most {figure(damping.value, 2)} {damping.unit}"
+    yield Plot(f"{one.joint}: {shown}", data, layout)
 
 
 def _reached(result: ServoIdentification, joint: str, servo: Servo) -> tuple[float, float]:
@@ -165,28 +179,3 @@ def _reached(result: ServoIdentification, joint: str, servo: Servo) -> tuple[flo
             torques.append(np.abs(servo.kp * (trace.command[:, j] - trace.measured[:, j])))
     speed, torque = (float(np.nanquantile(np.concatenate(x), REACHED_QUANTILE)) for x in (speeds, torques))
     return speed, min(torque, servo.effort_limit)
-
-
-def _words(one: ServoJoint, split: bool) -> str:
-    """Which friction is drawn."""
-    if split:
-        return "dry and viscous friction"
-    damping = one.numbers.get("damping")
-    if damping is None or damping.value is None:
-        return "dry friction"
-    return f"dry friction; viscous at most {figure(damping.value, 2)} {damping.unit}"
-
-
-def _layout(unit: str) -> dict[str, object]:
-    speed = "speed [m/s]" if unit == "N" else "speed [rad/s]"
-    corner = {"xref": "paper", "yref": "paper", "y": 0.02, "showarrow": False, "font": {"color": "#5b6773"}}
-    return {
-        "xaxis": axis(speed, nticks=6, zeroline=True),
-        "yaxis": axis(f"friction [{unit}]", nticks=6, zeroline=True),
-        "annotations": [
-            {**corner, "text": "back-drive", "x": 0.02, "xanchor": "left", "y": 0.98},
-            {**corner, "text": "drive", "x": 0.98, "xanchor": "right"},
-        ],
-        "showlegend": True,
-        "legend": {"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom"},
-    }

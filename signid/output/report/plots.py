@@ -321,7 +321,36 @@ class Variable(NamedTuple):
 
 def heat_maps(course: Course, over: Array, top: float) -> list[Plot]:
     """Plot ratios over: (M, n) [1], joint by region of state and time; the colour saturates at `top` [1]."""
-    return [_map(course.joints, variable, over, top) for variable in _variables(course)]
+    maps, joints = [], course.joints
+    ticks = {"tickmode": "array", "tickvals": list(joints), "ticktext": short_names(joints)}
+    names = axis("", autorange="reversed", showgrid=False, type="category", **ticks)
+    shares = {"velocity": (-100.0, 100.0), "position": (0.0, 100.0), "load": (-100.0, 100.0)}
+    for variable in _variables(course):
+        table, name, edges = _rms(over, variable), variable.name, variable.edges
+        low, high = shares.get(name, (float(edges[0, 0]), float(edges[0, -1])))
+        rows = [zip(pairwise(ends), sizes, strict=True) for ends, sizes in zip(edges, table, strict=True)]
+        cells = [
+            [[f"{joint}, {name} {a:.3g} to {b:.3g} {unit}", f"{value:.3g}"] for (a, b), value in row]
+            for joint, row, unit in zip(joints, rows, variable.units, strict=True)
+        ]
+        data = {
+            "type": "heatmap",
+            "x": np.linspace(low, high, REGIONS + 1).tolist(),
+            "y": list(joints),
+            "z": packed(np.log10(np.maximum(table, 1.0))),
+            "customdata": cells,
+            "zmin": 0,
+            "zmax": float(np.log10(top)),
+            "colorscale": HEAT_COLOURS,
+            "showscale": False,
+            "xgap": 1,
+            "ygap": 1,
+            "hoverongaps": False,
+            "hovertemplate": plot_markup(REGION_HOVER),
+        }
+        layout = {"xaxis": axis(variable.title, showgrid=False), "yaxis": names}
+        maps.append(Plot(name, [data], layout, ROW_HEIGHT * len(joints) + AXIS_HEIGHT))
+    return maps
 
 
 def hottest(course: Course, over: Array) -> float:
@@ -358,36 +387,6 @@ def _rms(over: Array, variable: Variable) -> Array:
         enough = rows >= MIN_REGION_ROWS
         row[enough] = np.sqrt(squares[enough] / rows[enough])
     return table
-
-
-def _map(joints: Sequence[str], variable: Variable, over: Array, top: float) -> Plot:
-    table, name, edges = _rms(over, variable), variable.name, variable.edges
-    shares = {"velocity": (-100.0, 100.0), "position": (0.0, 100.0), "load": (-100.0, 100.0)}
-    low, high = shares.get(name, (float(edges[0, 0]), float(edges[0, -1])))
-    rows = [zip(pairwise(ends), sizes, strict=True) for ends, sizes in zip(edges, table, strict=True)]
-    cells = [
-        [[f"{joint}, {name} {a:.3g} to {b:.3g} {unit}", f"{value:.3g}"] for (a, b), value in row]
-        for joint, row, unit in zip(joints, rows, variable.units, strict=True)
-    ]
-    data = {
-        "type": "heatmap",
-        "x": np.linspace(low, high, REGIONS + 1).tolist(),
-        "y": list(joints),
-        "z": packed(np.log10(np.maximum(table, 1.0))),
-        "customdata": cells,
-        "zmin": 0,
-        "zmax": float(np.log10(top)),
-        "colorscale": HEAT_COLOURS,
-        "showscale": False,
-        "xgap": 1,
-        "ygap": 1,
-        "hoverongaps": False,
-        "hovertemplate": plot_markup(REGION_HOVER),
-    }
-    ticks = {"tickmode": "array", "tickvals": list(joints), "ticktext": short_names(joints)}
-    names = axis("", autorange="reversed", showgrid=False, type="category", **ticks)
-    layout = {"xaxis": axis(variable.title, showgrid=False), "yaxis": names}
-    return Plot(name, [data], layout, ROW_HEIGHT * len(joints) + AXIS_HEIGHT)
 
 
 def short_names(names: Sequence[str], most: int = MAX_LABEL_LENGTH) -> list[str]:

@@ -216,7 +216,13 @@ def number_cells(robot: Robot, finding: Finding) -> list[NumberCells]:
         if optional and x.std is not None and abs(x.value) < TWO_SIDED * x.std:
             hidden += 1
         else:
-            shown.append(_cells(x))
+            before, unit = "", "" if x.unit == "1" else x.unit
+            if x.stated is not None:  # with the digits of its estimate, if these suffice
+                fine = x.std is not None and isfinite(x.std) and 0 < TWO_SIDED * x.std < abs(x.stated)
+                before = with_interval(x.stated, x.std)[0] if fine and x.std is not None else figure(x.stated)
+            value, half = x.interval("")
+            half, unit = ("", unit if before else "") if value == UNKNOWN_TEXT else (half, unit)
+            shown.append(NumberCells(x.name, before, value, half, unit))
     if hidden:
         shown.append(NumberCells(f"{plural(hidden, 'more parameter')}: could be zero", "", "", "", ""))
     return shown
@@ -230,19 +236,24 @@ def number_lines(robot: Robot, finding: Finding) -> tuple[str, ...]:
     return (*lines, *filter(None, [finding.law.effect.meaning(finding.law.parameters), absent]))
 
 
-def _cells(x: Quantity) -> NumberCells:
-    before, unit = "", "" if x.unit == "1" else x.unit
-    if x.stated is not None:  # with the digits of its estimate, if these suffice
-        fine = x.std is not None and isfinite(x.std) and 0 < TWO_SIDED * x.std < abs(x.stated)
-        before = with_interval(x.stated, x.std)[0] if fine and x.std is not None else figure(x.stated)
-    value, half = x.interval("")
-    half, unit = ("", unit if before else "") if value == UNKNOWN_TEXT else (half, unit)
-    return NumberCells(x.name, before, value, half, unit)
-
-
 def effects_document(effects: Sequence[Effect]) -> Document:
     """Build the output of `signid effects --json`."""
-    return {"schema": "signid.effects/1", "effects": [_card(effect) for effect in effects], "version": __version__}
+    described = [
+        {
+            "name": effect.name,
+            "summary": getdoc(type(effect)),
+            "acts_on": next(name for kind, name in EFFECT_KINDS.items() if isinstance(effect, kind)),
+            **picked(effect, "scope equation"),
+            "parameters": {
+                key: {"unit": kind.unit, "linear": isinstance(kind, Coefficient), "usual": effect.example[key]}
+                for key, kind in effect.parameters.items()
+            },
+            **picked(effect, "typical source twins"),
+            "inject": law_syntax(effect),
+        }
+        for effect in effects
+    ]
+    return {"schema": "signid.effects/1", "effects": described, "version": __version__}
 
 
 def effects_tables(effects: Sequence[Effect]) -> list[RenderableType]:
@@ -254,21 +265,6 @@ def effects_tables(effects: Sequence[Effect]) -> list[RenderableType]:
         mine = [paragraph(f"  {law_syntax(effect)}") for effect in effects if isinstance(effect, kind)]
         lines += [heading(f"Laws of the {name}", below=bool(lines)), *mine] if mine else []
     return [*lines, paragraph("\nValues are usual ones. signid effects NAME shows the law, its units and its source.")]
-
-
-def _card(effect: Effect) -> dict[str, Any]:
-    return {
-        "name": effect.name,
-        "summary": getdoc(type(effect)),
-        "acts_on": next(name for kind, name in EFFECT_KINDS.items() if isinstance(effect, kind)),
-        **picked(effect, "scope equation"),
-        "parameters": {
-            key: {"unit": kind.unit, "linear": isinstance(kind, Coefficient), "usual": effect.example[key]}
-            for key, kind in effect.parameters.items()
-        },
-        **picked(effect, "typical source twins"),
-        "inject": law_syntax(effect),
-    }
 
 
 def _card_lines(effect: Effect) -> list[RenderableType]:

@@ -39,7 +39,7 @@ from .identification import base_documents, cutoff_words, excited_words
 
 if TYPE_CHECKING:
     from ....check import Check
-    from ....faults import JointAudit, RecordingFaults, ServoAudit
+    from ....faults import JointAudit, ServoAudit
 
 DRIVE_LEGEND = (
     "range: of the command; error: rms of command - position; lag: delay of a slow ramp beside that of dry friction; "
@@ -110,8 +110,11 @@ def check_summary(found: Check) -> CheckSummary:
 
 def check_document(found: Check, inputs: Sequence[Input] = (), seed: int = 0) -> Document:
     """Build check.json of recordings with torque; `inputs` defaults to the robot description."""
-    robot, band = found.robot, found.band
-    sizes = (band.per_joint, found.used, band.torque_floor, *motion_sizes(found), found.faults.weight)
+    robot, band, faults = found.robot, found.band, found.faults
+    fault_names = ("explained", "factor", "lag", "sign", "order")
+    measures = (map(float, column) for column in (faults.explained, faults.factor, faults.lag))
+    fault_rows = zip(faults.joints, *measures, faults.signs, faults.order, strict=True)
+    sizes = (band.per_joint, found.used, band.torque_floor, *motion_sizes(found), faults.weight)
     names = ("cutoff", "used", "noise_floor", "range", "speed", "torque_rms", "weight")
     joints = zip(robot.joints, *(map(float, size) for size in sizes), strict=True)
     verdicts = zip(base_documents(found.base), found.std, found.verdicts, strict=True)
@@ -129,7 +132,16 @@ def check_document(found: Check, inputs: Sequence[Input] = (), seed: int = 0) ->
         "cutoff": {"torque": band.cutoff, "position": band.position_cutoff, "unit": "Hz"},
         "base_parameters": [{**base, "std": float(std), "verdict": verdict} for base, std, verdict in verdicts],
         "excitation": excitation_verdict(found.excitation),
-        "recording_faults": _faults_document(found.faults),
+        "recording_faults": {
+            "joints": [dict(zip(("name", *fault_names), joint, strict=True)) for joint in fault_rows],
+            "findings": [
+                {
+                    **picked(finding, "kind joints severity measures sentence"),
+                    "alternatives": [{"kind": kind, "joints": list(joints)} for kind, joints in finding.alternatives],
+                }
+                for finding in faults.findings
+            ],
+        },
         "advice": list(found.advice),
         **ending(found, recording_files(found.recordings), inputs or [description(robot)], seed),
     }
@@ -255,22 +267,6 @@ def motion_sizes(found: Check) -> tuple[Array, Array, Array]:
         return np.asarray(np.sqrt(np.average(values**2, axis=0, weights=rows)))
 
     return upper.max(axis=0) - lower.min(axis=0), mean("speed"), mean("torque_rms")
-
-
-def _faults_document(found: RecordingFaults) -> Document:
-    sizes = (map(float, column) for column in (found.explained, found.factor, found.lag))
-    joints = zip(found.joints, *sizes, found.signs, found.order, strict=True)
-    keys = ("name", "explained", "factor", "lag", "sign", "order")
-    return {
-        "joints": [dict(zip(keys, joint, strict=True)) for joint in joints],
-        "findings": [
-            {
-                **picked(finding, "kind joints severity measures sentence"),
-                "alternatives": [{"kind": kind, "joints": list(joints)} for kind, joints in finding.alternatives],
-            }
-            for finding in found.findings
-        ],
-    }
 
 
 def audit_summary(found: ServoAudit, robot: str = "") -> CheckSummary:

@@ -102,10 +102,20 @@ def summary_page(
         Section("What to record next", (Sentences(summary.advice),)),
         Section(summary.identifiable.counts, (Plain(summary.excitation), verdicts)),
     ]
+    which, gravity = summary.identifiable, summary.gravity.verdict
+    others = f"{which.noun}s; {len(which.weak)} weak, {len(which.unidentifiable)} not"
+    cards = [Card("identifiable", f"{len(which.identifiable)} of {which.total}", others)]
+    rates = [(float(row[5]), float(row[4])) for row in summary.sampling.rows if row[5] != "-" and row[4] != "-"]
+    if rates:
+        content, rate = min(rates)
+        lowest = f"lowest of {len(rates)} recordings; " if len(rates) > 1 else ""
+        cards.append(Card("content", f"{content:g} Hz", f"{lowest}rows at {rate:g} Hz"))
+    cards.append(Card("faults", str(len(summary.faults)), "of the log"))
+    cards.append(Card("gravity", gravity, "with the stated one" if gravity == "agrees" else ""))
     kind = {"good": "nothing_missing", "limited": "unknown"}.get(summary.verdict, "unreliable")
-    header = Header(summary.title, f"check of {summary.title}", list(_cards(summary)), kind, summary.headline)
-    content = {"flags": (), "notes": summary.notes, "files": files, "version": __version__, **given}
-    return sections_page(header, sections, content)
+    header = Header(summary.title, f"check of {summary.title}", cards, kind, summary.headline)
+    shared = {"flags": (), "notes": summary.notes, "files": files, "version": __version__, **given}
+    return sections_page(header, sections, shared)
 
 
 def _unusable(found: UnusableRecordings, robot: str) -> CheckSummary:
@@ -151,19 +161,6 @@ def unusable_page(
 def recording_files(recordings: Sequence[Recording]) -> list[Input]:
     """Recordings as input files."""
     return [Input(recording.path, recording.sha256, "recording") for recording in recordings]
-
-
-def _cards(summary: CheckSummary) -> Iterator[Card]:
-    which = summary.identifiable
-    others = f"{which.noun}s; {len(which.weak)} weak, {len(which.unidentifiable)} not"
-    yield Card("identifiable", f"{len(which.identifiable)} of {which.total}", others)
-    rates = [(float(row[5]), float(row[4])) for row in summary.sampling.rows if row[5] != "-" and row[4] != "-"]
-    if rates:
-        content, rate = min(rates)
-        lowest = f"lowest of {len(rates)} recordings; " if len(rates) > 1 else ""
-        yield Card("content", f"{content:g} Hz", f"{lowest}rows at {rate:g} Hz")
-    yield Card("faults", str(len(summary.faults)), "of the log")
-    yield Card("gravity", summary.gravity.verdict, "with the stated one" if summary.gravity.verdict == "agrees" else "")
 
 
 def used_times(recording: Recording, spans: Sequence[tuple[int, int]]) -> list[tuple[float, float]]:

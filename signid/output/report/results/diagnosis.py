@@ -94,7 +94,7 @@ def diagnosis_document(result: Diagnosis, inputs: Sequence[Input] = ()) -> Docum
             {"joint": robot.joints[x.joint], "depends_on": x.variable, **picked(x, "region share explained")}
             for x in result.located
         ],
-        "detectable": [one._asdict() for one in result.detectable],
+        "detectable": [law._asdict() for law in result.detectable],
         "fit": {"before": fit_with_errors(result.before), "after": fit_with_errors(result.after)},
         "rollout": None if before is None or after is None else after.document(before),
         "inertials": {"off": None if result.informed else result.prior_scale, "covariance": result.informed},
@@ -145,16 +145,16 @@ def _finding(result: Diagnosis, finding: Finding) -> Document:
 
 def _ordinary(result: Diagnosis) -> Iterator[Document]:
     """Friction, rotors and offsets that the description does not state: each law with its number at each joint."""
-    some = [finding for finding in result.findings if finding.ordinary]
-    for effect in dict.fromkeys(finding.law.effect for finding in some):
-        own = [finding for finding in some if finding.law.effect is effect]
-        each = [{x.name: x for x in finding_numbers(result.robot, finding)} for finding in own]
+    ordinary = [finding for finding in result.findings if finding.ordinary]
+    for effect in dict.fromkeys(finding.law.effect for finding in ordinary):
+        alike = [finding for finding in ordinary if finding.law.effect is effect]
+        laws = [{x.name: x for x in finding_numbers(result.robot, finding)} for finding in alike]
         yield {
             "effect": effect.name,
-            "joints": [law_place(finding.law, result.robot)[0] for finding in own],
+            "joints": [law_place(finding.law, result.robot)[0] for finding in alike],
             "parameters": {
-                key: {"unit": x.unit, **{y: [getattr(numbers[key], y) for numbers in each] for y in ("value", "std")}}
-                for key, x in each[0].items()
+                key: {"unit": x.unit, **{y: [getattr(numbers[key], y) for numbers in laws] for y in ("value", "std")}}
+                for key, x in laws[0].items()
             },
         }
 
@@ -187,8 +187,8 @@ def _findings(result: Diagnosis) -> Iterator[RenderableType]:
     if large:
         yield heading(titles["cause"])
         for cells in (words.finding_words(robot, finding) for finding in large[:MAX_CAUSES]):
-            own, of, joint = cells.torque.partition(" of ")
-            torque = f"{own} of the torque{of}{joint}"
+            part, of, joint = cells.torque.partition(" of ")
+            torque = f"{part} of the torque{of}{joint}"
             where = [f"mostly {cells.where}"] if cells.where else []
             yield paragraph(", ".join([cells.law, f"probability {cells.probability}", torque, *where]))
             yield from map(_indented, cells.numbers)
@@ -344,40 +344,33 @@ def _law_cards(result: Diagnosis) -> Iterator[LawCard]:
     """A card per large finding; what a law is stands in its first card only."""
     described = set[str]()
     for finding in words.by_size(result)[0]:
-        card = _card(result, finding)
-        known = finding.law.effect.name in described
-        described.add(finding.law.effect.name)
-        yield card._replace(summary="", equation="", source="") if known else card
-
-
-def _card(result: Diagnosis, finding: Finding) -> LawCard:
-    """A cause with its law, its numbers, its evidence and its alternatives."""
-    effect, cells = finding.law.effect, words.finding_words(result.robot, finding)
-    numbers = number_cells(result.robot, finding)
-    if finding.stated:
-        table = Cells(("parameter", "in the simulation>", "recorded>", "± 95 %>", "unit"), numbers)
-    else:
+        effect, cells = finding.law.effect, words.finding_words(result.robot, finding)
+        numbers = number_cells(result.robot, finding)
         table = Cells(("parameter", "value>", "± 95 %>", "unit"), [(x.key, x.value, x.half, x.unit) for x in numbers])
-    rivals, sure = _rivals(result, finding), finding.probability >= MIN_CERTAIN_PROBABILITY
-    alone = "No alternative comes close" if sure else "No other law gives half of this torque"
-    where = f", mostly {cells.where}" if cells.where else ""
-    evidence = (
-        f"{cells.torque} of measured torque (rms){where}. "
-        f"{'' if finding.in_model else f'Not in the extended simulation: {finding.refused}'.removesuffix(': ') + '. '}"
-        f"Reduces the held-out sum of squares by {share(finding.held_out_gain)}. "
-        f"Log odds {log_odds(finding.statistic)} (threshold: {log_odds(finding.threshold)})."
-    )
-    return LawCard(
-        title=_title(result, finding),
-        probability=cells.probability,
-        sure=sure,
-        summary=" ".join((getdoc(type(effect)) or "").split()),
-        equation=effect.equation,
-        numbers=table,
-        evidence=evidence if len(rivals) > 1 else f"{evidence} {alone}.",
-        source=effect.source,
-        rivals=rivals if len(rivals) > 1 else [],
-    )
+        if finding.stated:
+            table = Cells(("parameter", "in the simulation>", "recorded>", "± 95 %>", "unit"), numbers)
+        rivals, sure = _rivals(result, finding), finding.probability >= MIN_CERTAIN_PROBABILITY
+        alone = "No alternative comes close" if sure else "No other law gives half of this torque"
+        where = f", mostly {cells.where}" if cells.where else ""
+        absent = f"Not in the extended simulation: {finding.refused}".removesuffix(": ")
+        evidence = (
+            f"{cells.torque} of measured torque (rms){where}. {'' if finding.in_model else f'{absent}. '}"
+            f"Reduces the held-out sum of squares by {share(finding.held_out_gain)}. "
+            f"Log odds {log_odds(finding.statistic)} (threshold: {log_odds(finding.threshold)})."
+        )
+        first = effect.name not in described
+        described.add(effect.name)
+        yield LawCard(
+            title=_title(result, finding),
+            probability=cells.probability,
+            sure=sure,
+            summary=" ".join((getdoc(type(effect)) or "").split()) if first else "",
+            equation=effect.equation if first else "",
+            numbers=table,
+            evidence=evidence if len(rivals) > 1 else f"{evidence} {alone}.",
+            source=effect.source if first else "",
+            rivals=rivals if len(rivals) > 1 else [],
+        )
 
 
 def _title(result: Diagnosis, finding: Finding) -> str:

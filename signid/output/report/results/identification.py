@@ -62,7 +62,6 @@ if TYPE_CHECKING:
     from ....identify import Identification
     from ....inspect import Inspection
     from ....payload import Payload
-    from ....simulation.refine import Refinement
 
 COEFFICIENT_STEP = 1e-6  # [1] step of finite differences over the coefficients of a law
 MAX_NUMBER_COLUMNS = 4  # maximum number of columns of law parameters
@@ -92,9 +91,17 @@ def identified_numbers(result: Identification) -> list[list[Quantity]]:
         if label.law is not None:
             places[label.law].append(k)
     found = [(x, _deviations(result, x, [singles.get(k) for k in places[i]])) for i, x in enumerate(result.model.laws)]
-    own = [(law, dict(zip(law.effect.linear(), std, strict=True))) for law, std in result.currents]
-    currents = [[x._replace(unit=_in_amperes(x.unit)) for x in law_numbers(result.robot, *pair)] for pair in own]
-    return [*(law_numbers(result.robot, *pair) for pair in found), *currents]
+    numbers = [law_numbers(result.robot, *pair) for pair in found]
+    for law, std in result.currents:  # in the current of a joint without a torque constant
+        known = dict(zip(law.effect.linear(), std, strict=True))
+        in_amperes = {"kg.m2": "A.s2/rad"}
+        numbers.append(
+            [
+                x._replace(unit=in_amperes.get(x.unit) or x.unit.replace("N.m", "A").replace("N", "A"))
+                for x in law_numbers(result.robot, law, known)
+            ]
+        )
+    return numbers
 
 
 def whole_numbers(result: Identification) -> list[Quantity]:
@@ -102,11 +109,6 @@ def whole_numbers(result: Identification) -> list[Quantity]:
     verdict = "consistent" if result.physically_consistent else "inconsistent"
     card = ("physical consistency", verdict, f"changed by at most {result.moved:.1f} standard deviations")
     return [Quantity("moved", float(result.moved), None, "1", words=consistent_words(result), card=card)]
-
-
-def _in_amperes(unit: str) -> str:
-    """Unit of a number of a law in the current of a joint without a torque constant."""
-    return "A.s2/rad" if unit == "kg.m2" else unit.replace("N.m", "A").replace("N", "A")
 
 
 def _alone(base: BaseMap) -> dict[int, int]:
@@ -139,7 +141,20 @@ def base_documents(base: BaseMap) -> list[Document]:
 
 def identification_document(result: Identification, inputs: Sequence[Input] = ()) -> Document:
     """Build the content of identification.json; `inputs` besides the recordings default to the robot description."""
-    robot, values = result.robot, zip(result.base_value, result.estimate.std, result.estimate.value, strict=True)
+    robot, refinement = result.robot, Document()
+    values = zip(result.base_value, result.estimate.std, result.estimate.value, strict=True)
+    if (refined := result.refinement) is not None:
+        refinement = {
+            "kept": refined.kept,
+            "windows": list(refined.lengths),
+            "before": [float(x) for x in refined.before],
+            "after": [float(x) for x in refined.after],
+            "unit": list(refined.unit),
+            "effects": [
+                {**law_document(robot, law), "parameters": {x.name: x.value for x in law_numbers(robot, law, {})}}
+                for law in result.best.laws
+            ],
+        }
     return {
         **opening("signid.identification/1", robot),
         "base_parameters": [
@@ -154,7 +169,7 @@ def identification_document(result: Identification, inputs: Sequence[Input] = ()
         "fit": {**fit_document(result.fit), "refit": result.fit.refit},
         "lacks": [{key: x for key, x in list(vars(lack).items())[:4]} for lack in result.lacks],
         "varies": [law._asdict() for law in result.varies],
-        **({} if result.refinement is None else {"refinement": _refinement(result, result.refinement)}),
+        **({"refinement": refinement} if refinement else {}),
         "excitation": excitation_verdict(result.excitation),
         "method": result.method,
         "estimator": result.estimate.method,
@@ -181,11 +196,16 @@ def identification_tables(result: Identification) -> list[RenderableType]:
     )
     sections = [
         Section("", (Cells(("base parameter", "value>", "± (95 %)>", "unit"), rows),)),
-        _laws([number for numbers in identified_numbers(result) for number in numbers]),
+        _laws([number for law in identified_numbers(result) for number in law]),
         *([] if result.signs is None else signs_sections(result.signs)),
         Section("Fit: rms of the residual torque", (Cells(heads, list(fit_rows(result.fit))), Sentences(sentences))),
-        _refined(result),
     ]
+    if (refinement := result.refinement) is not None and (model := result.refined) is not None:
+        numbers = [n for law in model.laws for n in law_numbers(model.robot, law, {})]
+        refined = [(n.place, spaced(n.law), n.name, n.text, n.unit) for n in numbers]
+        table = Cells(("joint", "law", "parameter", "value>", "unit"), refined)
+        said = Plain(f"{refinement.sentence}.".capitalize())
+        sections.append(Section("Refined by roll-outs: laws of model.json", (table, said)))
     counted = f"{plural(base.rank, 'base parameter')}, {plural(len(result.robot.joints), 'joint')}"
     return [heading(f"{result.robot.name}: {counted}", below=False), *terminal(sections, result.notes)]
 
@@ -239,35 +259,6 @@ def consistent_words(result: Identification) -> str:
 def cutoff_words(torque: float, position: float) -> str:
     """The cut-off frequencies, and the option that sets them."""
     return f"Cut-off {figure(torque)} Hz for torque and {figure(position)} Hz for positions (set with --cutoff)"
-
-
-def _refinement(result: Identification, found: Refinement) -> Document:
-    """Build the block `refinement` of identification.json."""
-    return {
-        "kept": found.kept,
-        "windows": list(found.lengths),
-        "before": [float(x) for x in found.before],
-        "after": [float(x) for x in found.after],
-        "unit": list(found.unit),
-        "effects": [
-            {
-                **law_document(result.robot, law),
-                "parameters": {x.name: x.value for x in law_numbers(result.robot, law, {})},
-            }
-            for law in result.best.laws
-        ],
-    }
-
-
-def _refined(result: Identification) -> Section:
-    """Numbers of the laws in model.json, if roll-outs refined them."""
-    found, model = result.refinement, result.refined
-    if found is None or model is None:
-        return Section("", ())
-    numbers = [n for law in model.laws for n in law_numbers(model.robot, law, {})]
-    rows = [(n.place, spaced(n.law), n.name, n.text, n.unit) for n in numbers]
-    table = Cells(("joint", "law", "parameter", "value>", "unit"), rows)
-    return Section("Refined by roll-outs: laws of model.json", (table, Plain(f"{found.sentence}.".capitalize())))
 
 
 def identification_page(result: Identification, inputs: Sequence[Input] = (), command: str = "") -> str:
@@ -474,18 +465,17 @@ def payload_numbers(found: Payload) -> list[Quantity]:
     return [Quantity(name, float(value), float(std), unit) for name, value, std, unit in numbers]
 
 
-def _title(name: str) -> str:
-    if name in INERTIAL:
-        return f"{name} about its centre"
-    return spaced(name).replace("centre", "centre of mass") + (" at" if name in ("picked_up", "put_down") else "")
-
-
 def payload_tables(found: Payload) -> list[RenderableType]:
     """Mass, centre of mass and inertia with their intervals; moments, or the notes alone without a load."""
     head = heading(f"{found.robot.name}: payload of {found.link}, in its joint frame", below=False)
     if not found.found:
         return [head, paragraph("No load was found."), *note_lines(found.notes)]
-    rows = [(_title(x.name), *x.interval("-"), x.unit) for x in payload_numbers(found)]
+    rows = []
+    for x in payload_numbers(found):
+        title = spaced(x.name).replace("centre", "centre of mass") + (
+            " at" if x.name in ("picked_up", "put_down") else ""
+        )
+        rows.append((f"{x.name} about its centre" if x.name in INERTIAL else title, *x.interval("-"), x.unit))
     change = f"this changed the difference of base parameters by at most {found.moved:.1f} standard deviations"
     sentence = f"The inertia is physically consistent; {change}. Cut-off {found.cutoff:.3g} Hz."
     section = Section("", (Cells(("payload", "value>", "± (95 %)>", "unit"), rows), Plain(sentence)))

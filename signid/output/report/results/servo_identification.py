@@ -207,13 +207,20 @@ def _sections(result: ServoIdentification, *, pages: bool = False) -> list[Secti
     found = result.rollout
     drawn = loop_blocks(result.traces, found, found.nominal, "identified") if pages else ()
     friction = (Legend(FRICTION_LEGEND), Plots(friction_plots(result, found.joints))) if pages else ()
+    scale = [text for text in (result.scale.sentence, *result.scale.alternatives) if text]
+    if known := sorted(one.known_load_share for one in result.joints if isfinite(one.known_load_share)):
+        to = f"{share(known[0])} to " if len(known) > 1 else ""
+        scale.append(f"the masses of the description explain {to}{share(known[-1])} of the torque of the drives")
+    tried = [joint for joint in result.joints if len({*joint.laws.values()}) > 1]
+    laws = list(dict.fromkeys(law for joint in tried for law in joint.laws))
+    posterior = [[joint.joint, *(_probability(joint.laws.get(law)) for law in laws)] for joint in tried]
     return [
         _drives(result).beside(Legend(DRIVE_NUMBERS_LEGEND)),
         Section("Not identifiable", (Sentences(_unidentifiable(result)),)),
-        _scale_basis(result),
+        Section("Scale of torque and mass", (Sentences(scale),)),
         _loops(found).beside(*drawn),
         Section("Friction over speed and load", friction),
-        _laws(result),
+        Section("Probability of the laws that were compared", (Cells(["joint", *(f"{x}>" for x in laws)], posterior),)),
         _models(result).beside(*(_model_numbers(result) if pages else ())),
     ]
 
@@ -225,19 +232,17 @@ def _unsaid(result: ServoIdentification, lines: Iterable[str]) -> list[str]:
 
 
 def _headline(result: ServoIdentification) -> str:
+    """Number of drives and error of their loops; unit of torques, and how heavy bodies are with the stated gain."""
     data = " of held-out motion" if result.rollout.held_out else " of the motion of the fit"
-    words = f"{plural(len(result.joints), 'drive')}, {loop_words(result.rollout, data)}"
-    return "; ".join(filter(None, [f"{result.robot.name}: {words}", _scale_words(result)]))
-
-
-def _scale_words(result: ServoIdentification) -> str:
-    """Unit of torques and masses, and how heavy bodies are with the stated gain."""
+    words = [f"{result.robot.name}: {plural(len(result.joints), 'drive')}, {loop_words(result.rollout, data)}"]
     ends = [f"{x:.2f}" for x in sorted(result.scale.mass_ratios)]
     times = " to ".join(dict.fromkeys([*ends[:1], *ends[-1:]]))
-    said = f"with --known {result.scale.gain} the moved bodies are {times} times as heavy as described" if times else ""
-    if not result.scale.known_by.startswith("inertials"):
-        return said
-    return f"in units of the described masses{'; ' + said if said else ' (--known kp=VALUE: of the gain at the joint)'}"
+    if result.scale.known_by.startswith("inertials"):
+        unit = "in units of the described masses"
+        words.append(unit if times else f"{unit} (--known kp=VALUE: of the gain at the joint)")
+    if times:
+        words.append(f"with --known {result.scale.gain} the moved bodies are {times} times as heavy as described")
+    return "; ".join(words)
 
 
 def loop_words(found: ServoRollOut, data: str = "") -> str:
@@ -351,31 +356,12 @@ def _law(one: ServoJoint) -> str:
     return f"{one.law} ({sure})"
 
 
-def _scale_basis(result: ServoIdentification) -> Section:
-    """Basis of the scale of torque, and its alternatives."""
-    said = [text for text in (result.scale.sentence, *result.scale.alternatives) if text]
-    known = sorted(one.known_load_share for one in result.joints if isfinite(one.known_load_share))
-    if known:
-        to = f"{share(known[0])} to " if len(known) > 1 else ""
-        said.append(f"the masses of the description explain {to}{share(known[-1])} of the torque of the drives")
-    return Section("Scale of torque and mass", (Sentences(said),))
-
-
 def _unidentifiable(result: ServoIdentification) -> list[str]:
     """Sentences on what is not identifiable, each once, with its joints."""
     from ....servo.identify.flags import by_sentence
     from ....servo.identify.identifiable import COMBINED, IDLE
 
     return [*by_sentence(result.joints), *(flag for flag in result.flags if IDLE in flag or COMBINED in flag)]
-
-
-def _laws(result: ServoIdentification) -> Section:
-    """Posterior of each law that was tried, of the joints where the laws differ."""
-    tried = [one for one in result.joints if len({*one.laws.values()}) > 1]
-    laws = list(dict.fromkeys(law for one in tried for law in one.laws))
-    rows = [[one.joint, *(_probability(one.laws.get(law)) for law in laws)] for one in tried]
-    title = "Probability of the laws that were compared"
-    return Section(title, (Cells(["joint", *(f"{law}>" for law in laws)], rows),))
 
 
 def _probability(value: float | None) -> str:

@@ -184,11 +184,25 @@ def excitation_document(
     found: Excitation | Separation, inputs: Sequence[Input] = (), *, robot: Robot, seed: int = 0
 ) -> Document:
     """Build the output of `signid excite --json`; `inputs` defaults to the robot description."""
+    from ....simulation.excite import Separation
+
+    if isinstance(found, Separation):
+        laws = [law_document(robot, law) for law in found.laws]
+        values = picked(found, "distances shares median structural enough")
+        purpose = {"purpose": "separate", "laws": laws, **values}
+    else:
+        rows = zip(found.expressions, found.std, found.relative_std, strict=True)
+        purpose = {
+            "purpose": "excite",
+            **picked(found, "kind criterion value log_det condition"),
+            "base_parameters": [{"expression": e, "std": s, "relative_std": r} for e, s, r in rows],
+            "evaluations": found.evaluations,
+        }
     return {
         **opening("signid.excitation/1", robot),
         "duration": float(found.trajectory.t[-1]),
         "rows": len(found.trajectory.t),
-        **_purpose(robot, found),
+        **purpose,
         "noise": found.noise,
         "torque_unit": torque_units(robot),
         "use": picked(found.use, LIMIT_NAMES),
@@ -209,21 +223,6 @@ def excitation_tables(found: Excitation | Separation, *, robot: Robot) -> list[R
     size = f"{plural(len(found.trajectory.t), 'row')}, {figure(float(found.trajectory.t[-1]))} s"
     sections = [Section("", (Cells(heads, limits), Plain(near))), *gained]
     return [heading(f"{robot.name}: {size}", below=False), *terminal(sections, found.notes)]
-
-
-def _purpose(robot: Robot, found: Excitation | Separation) -> dict[str, Any]:
-    from ....simulation.excite import Separation
-
-    if isinstance(found, Separation):
-        laws = [law_document(robot, law) for law in found.laws]
-        return {"purpose": "separate", "laws": laws, **picked(found, "distances shares median structural enough")}
-    rows = zip(found.expressions, found.std, found.relative_std, strict=True)
-    return {
-        "purpose": "excite",
-        **picked(found, "kind criterion value log_det condition"),
-        "base_parameters": [{"expression": e, "std": s, "relative_std": r} for e, s, r in rows],
-        "evaluations": found.evaluations,
-    }
 
 
 def _identifiability(found: Excitation) -> list[Section]:
