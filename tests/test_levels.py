@@ -19,7 +19,7 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "diagnose": "data evidence result extend search findings detectable run __init__",
     "output": "__init__ geometry report replay viewers export frames display",
     "output/export": "bodies formats shapes drives urdf mjcf actuators code vendor function loop __init__",
-    "output/report": "layout write documents quantities pages plots results __init__",
+    "output/report": "layout write documents quantities sections pages plots results __init__",
     "estimation": "__init__ fit_quality excitation feasible pbrp repeats least_squares standard estimators",
     "recording": "names streams formats source sampling units joining reading columns missing gallery read "
     "__init__ convert",

@@ -1,19 +1,18 @@
-"""Layout shared by all commands and pages: numbers, tables and sentences, and the sections that results are told in."""
+"""Layout shared by all commands and pages: numbers with their significant digits, tables, headings and sentences."""
 
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 import re
 import sys
 from base64 import b64encode
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from html import escape
 from math import copysign, floor, isfinite, log10
 from string import Template
-from typing import Any, NamedTuple, TypeAlias, Union
+from typing import Any
 
 from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
 from rich.measure import Measurement
@@ -31,11 +30,6 @@ MAX_UNCUT_NAME = 16  # length of a name that is never cut [characters]
 CERTAINTY = 0.999  # probability that is shown as larger, and confidence from which a sign is considered certain
 PIPED_WIDTH = 100  # width of the output if it is not a terminal [characters]
 NO_CONNECTION = "connect-src 'none'"  # replaced in the page that a live replay serves
-INK = "#1f2933"
-TRANSPARENT = "rgba(0,0,0,0)"
-PLAIN_LAYOUT = {"paper_bgcolor": TRANSPARENT, "plot_bgcolor": TRANSPARENT, "margin": {"l": 8, "r": 10, "t": 10, "b": 8}}
-PLOT_FONT = {"family": "system-ui, Segoe UI, Helvetica, Arial, sans-serif", "size": 12, "color": INK}
-Block: TypeAlias = Union["Cells", "Sentences", "Plain", "Legend", "Key", "Folds", "Fold", "Laws", "Plots"]
 
 
 class Screen(Console):
@@ -317,154 +311,3 @@ def content_policy(scripts: Iterable[str]) -> str:
         f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:; {NO_CONNECTION}; "
         "object-src 'none'; base-uri 'none'; form-action 'none'"
     )
-
-
-class Card(NamedTuple):
-    """A key figure."""
-
-    title: str
-    figure: str
-    beside: str
-
-
-class Plot(NamedTuple):
-    """A plot: traces and layout for Plotly."""
-
-    name: str  # caption and text alternative
-    data: list[dict[str, Any]]
-    layout: dict[str, Any]
-    height: int = 240  # [pixels]
-    wide: bool = False  # full width of the page
-
-    @property
-    def content(self) -> dict[str, Any]:
-        """Data and layout for Plotly; names in them are escaped."""
-        layout = {"font": PLOT_FONT, "showlegend": False, "hovermode": "closest", **PLAIN_LAYOUT, **self.layout}
-        return {"data": escaped(self.data), "layout": escaped({**layout, "height": self.height})}
-
-    @property
-    def text(self) -> str:
-        """JSON text, safe inside a page."""
-        return json.dumps(self.content, separators=(",", ":"), ensure_ascii=True).replace("<", "\\u003c")
-
-
-class JointPlots(NamedTuple):
-    """Plots of a joint."""
-
-    name: str
-    summary: str
-    open: bool
-    plots: tuple[Plot, ...]
-
-
-class Bar(str):
-    """Text of a cell that a page draws as a bar, of a length [%]."""
-
-    percent: float
-
-    def __new__(cls, text: str, percent: float) -> Bar:
-        bar = super().__new__(cls, text)
-        bar.percent = percent
-        return bar
-
-
-class Cells(NamedTuple):
-    """A table: heads, `>` at the end for columns of numbers, and rows of texts."""
-
-    heads: Sequence[str]
-    rows: Sequence[Sequence[str]]
-
-
-class Sentences(NamedTuple):
-    """Sentences, one a line; a list on a page."""
-
-    said: Sequence[str]
-
-
-class Plain(NamedTuple):
-    """A sentence; a paragraph on a page."""
-
-    plain: str
-
-
-class Legend(NamedTuple):
-    """Small print of a page."""
-
-    legend: str
-
-
-class Key(NamedTuple):
-    """Colours of the lines of a page: class of the style or colour of each, and its name."""
-
-    marks: Sequence[tuple[str, str]]
-
-
-class Folds(NamedTuple):
-    """Plots of a page that unfold joint by joint, with a note."""
-
-    note: str
-    joints: Sequence[JointPlots]
-
-
-class Fold(NamedTuple):
-    """Sentences of a page that unfold below a summary."""
-
-    summary: str
-    folded: Sequence[str]
-
-
-class LawCard(NamedTuple):
-    """A law that was found, with its numbers and alternatives; its text is empty where another card has it."""
-
-    title: str
-    probability: str
-    sure: bool
-    summary: str
-    equation: str
-    numbers: Cells
-    evidence: str
-    source: str
-    rivals: Sequence[tuple[str, Bar]]  # the law and its alternatives with their probabilities; none without any
-
-
-class Laws(NamedTuple):
-    """Laws of a page that were found."""
-
-    laws: Sequence[LawCard]
-
-
-class Plots(NamedTuple):
-    """Plots of a page side by side."""
-
-    plots: Sequence[Plot]
-
-
-class Section(NamedTuple):
-    """Part of a description; one without content is not shown."""
-
-    title: str
-    blocks: tuple[Block, ...]
-    level: int = 2  # of its heading on a page
-
-    @property
-    def shown(self) -> tuple[Block, ...]:
-        """Blocks with content."""
-        return tuple(block for block in self.blocks if block[-1])
-
-    def beside(self, *blocks: Block) -> Section:
-        """The section with further blocks, for its page."""
-        return self._replace(blocks=(*self.blocks, *blocks))
-
-
-def terminal(sections: Iterable[Section], notes: Iterable[str]) -> list[RenderableType]:
-    """Headings, tables and sentences of the sections that have any, and notes."""
-    shown: list[RenderableType] = []
-    for section in sections:
-        if section.title and section.shown:
-            shown.append(heading(section.title))
-        for block in section.shown:
-            if isinstance(block, Cells):
-                shown.append(new_table(*block.heads, rows=block.rows))
-            elif isinstance(block, Sentences | Plain):
-                shown += map(paragraph, block.said if isinstance(block, Sentences) else [block.plain])
-    return [*shown, *note_lines(notes)]

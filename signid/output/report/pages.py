@@ -14,7 +14,8 @@ from ...servos import Servo
 from ...types import Array, Indices, Input, Robot
 from ...version import __version__
 from .documents import description, once
-from .layout import Card, Plot, Section, content_policy, figure, plot_markup, share
+from .layout import content_policy, figure, plot_markup, share
+from .sections import Card, Plot, Section
 
 if TYPE_CHECKING:
     from ...servo.identify import ServoIdentification, ServoJoint

@@ -15,8 +15,9 @@ from ...recording.sampling import split
 from ...recording.sampling.clock import CHUNK
 from ...regression.session import Part, Session
 from ...types import Array, Indices, Recording
-from .layout import INK, Folds, JointPlots, Key, Plot, determination, figure, plot_markup, thousandths
+from .layout import determination, figure, plot_markup, thousandths
 from .pages import BLUE, GREEN, GREY, ORANGE, axis, curve, packed, thinned
+from .sections import INK, Folds, JointPlots, Key, Plot
 
 if TYPE_CHECKING:
     from ...servo.identify import ServoRollOut, ServoTrace

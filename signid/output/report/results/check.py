@@ -14,7 +14,8 @@ from ....faults import OF_A_FIT
 from ....faults.gravity import WHOLE
 from ....types import TWO_SIDED, Array, Input
 from ..documents import Document, description, ending, excitation_verdict, once, picked, recorded, stamps_clock
-from ..layout import Cells, figure, plural, position_units, share, torque_units
+from ..layout import figure, plural, position_units, share, torque_units
+from ..sections import Cells
 from .check_page import recorded_plots, recording_files, summary_page, used_times
 from .check_summary import (
     FAULTY,

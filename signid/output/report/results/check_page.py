@@ -16,24 +16,10 @@ from ....faults import UnusableRecordings
 from ....types import Array, Input, Recording, Samples
 from ....version import __version__
 from ..documents import Document, ending, once
-from ..layout import (
-    INK,
-    Card,
-    Cells,
-    Folds,
-    JointPlots,
-    Key,
-    Legend,
-    Plain,
-    Plot,
-    Section,
-    Sentences,
-    figure,
-    plot_markup,
-    plural,
-)
+from ..layout import figure, plot_markup, plural
 from ..pages import BLUE, GREEN, GREY, ORANGE, Header, axis, curve, packed, sections_page
 from ..plots import MAX_OPEN, MIN_POINTS, Line, Panes, line_points, recorded_lines
+from ..sections import INK, Card, Cells, Folds, JointPlots, Key, Legend, Plain, Plot, Section, Sentences
 from .check_summary import (
     SAMPLING_HEADS,
     UNUSABLE,

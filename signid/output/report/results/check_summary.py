@@ -16,7 +16,8 @@ from ....errors import shorten
 from ....recording.units import UNSTATED
 from ....types import Recording, StatedUnit
 from ..documents import Document
-from ..layout import Cells, heading, new_table, paragraph, plural
+from ..layout import heading, new_table, paragraph, plural
+from ..sections import Cells
 
 GOOD, LIMITED, FAULTY, UNUSABLE = "good", "limited", "faulty", "unusable"
 CUT = 24  # length of the name of a recording that is never cut [characters]

@@ -14,7 +14,11 @@ from rich.text import Text
 from ....effects.naming import law_place
 from ....types import Input
 from ..documents import Document, description, fit_with_errors, opening, picked, provenance
-from ..layout import (
+from ..layout import Worse, confidence, determination, figure, heading, log_odds, paragraph, plural, share
+from ..pages import BLUE, ORANGE, Header, sections_page, shared
+from ..plots import heat_maps, hottest, joint_plots, rollout_plots, worst
+from ..quantities import changed_link, finding_numbers, law_words, number_cells, parameters
+from ..sections import (
     Bar,
     Card,
     Cells,
@@ -29,20 +33,8 @@ from ..layout import (
     Plots,
     Section,
     Sentences,
-    Worse,
-    confidence,
-    determination,
-    figure,
-    heading,
-    log_odds,
-    paragraph,
-    plural,
-    share,
     terminal,
 )
-from ..pages import BLUE, ORANGE, Header, sections_page, shared
-from ..plots import heat_maps, hottest, joint_plots, rollout_plots, worst
-from ..quantities import changed_link, finding_numbers, law_words, number_cells, parameters
 from . import sentences as words
 from .sentences import finding_headline, named, sentence_case, subject
 from .signs import signs_document, signs_sections

@@ -10,8 +10,9 @@ from urllib.parse import quote
 from rich.console import RenderableType
 from rich.text import Text
 
-from ..layout import Card, confidence, figure, heading, new_table, paragraph, plural, share
+from ..layout import confidence, figure, heading, new_table, paragraph, plural, share
 from ..pages import render
+from ..sections import Card
 from .sentences import listed, quantity
 
 UNDONE_STATE, FLAGGED_STATE = "not done", "flagged"  # states of a session in fleet.json

@@ -27,16 +27,6 @@ from ..documents import (
     rms,
 )
 from ..layout import (
-    Bar,
-    Card,
-    Cells,
-    Folds,
-    Key,
-    Legend,
-    Plain,
-    Plots,
-    Section,
-    Sentences,
     determination,
     figure,
     heading,
@@ -47,13 +37,13 @@ from ..layout import (
     plural,
     position_units,
     share,
-    terminal,
     torque_units,
     with_interval,
 )
 from ..pages import Header, sections_page, shared
 from ..plots import correlation_plot, excitation_plot, held_out_rows, joint_plots, tied, worst
 from ..quantities import Quantity, effect_document, grid, law_document, law_numbers, spaced
+from ..sections import Bar, Card, Cells, Folds, Key, Legend, Plain, Plots, Section, Sentences, terminal
 from .signs import drawn_signs, signs_document, signs_sections
 
 if TYPE_CHECKING:

@@ -13,10 +13,11 @@ from ....servo.diagnose.conclude import VISIBLE
 from ....servo.identify.fits import HORIZON
 from ....types import Input
 from ..documents import Document, description, ending, fit_document, opening, picked
-from ..layout import Card, Cells, Section, Sentences, figure, share, terminal, thousandths
+from ..layout import figure, share, thousandths
 from ..pages import Header, sections_page, shared
 from ..plots import loop_blocks, worst_joints
 from ..quantities import Quantity, parameters
+from ..sections import Card, Cells, Section, Sentences, terminal
 from .servo_identification import all_joints, loop_units, poor_joints
 
 if TYPE_CHECKING:

@@ -16,24 +16,11 @@ from ....parameters import Array, pseudo_inertia
 from ....servos import PASSIVE_LAWS
 from ....types import Input
 from ..documents import Document, description, ending, opening, picked, stamps_clock
-from ..layout import (
-    Block,
-    Card,
-    Cells,
-    Legend,
-    Plain,
-    Plots,
-    Section,
-    Sentences,
-    Worse,
-    plural,
-    share,
-    terminal,
-    thousandths,
-)
+from ..layout import Worse, plural, share, thousandths
 from ..pages import FRICTION_LEGEND, Header, friction_plots, sections_page, shared
 from ..plots import loop_blocks, worst_joints
 from ..quantities import Quantity, effect_document, grid, spaced
+from ..sections import Block, Card, Cells, Legend, Plain, Plots, Section, Sentences, terminal
 from .sentences import WORSE_ERROR_RATIO
 
 if TYPE_CHECKING:

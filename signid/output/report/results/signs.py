@@ -14,24 +14,9 @@ from ....signs import Signs, SignSegment, Trace
 from ....types import Array, Recording
 from ....version import __version__
 from ..documents import Document, picked
-from ..layout import (
-    CERTAINTY,
-    INK,
-    Cells,
-    Key,
-    Plain,
-    Plot,
-    Plots,
-    Section,
-    confidence,
-    figure,
-    plot_markup,
-    plural,
-    share,
-    terminal,
-    with_interval,
-)
+from ..layout import CERTAINTY, confidence, figure, plot_markup, plural, share, with_interval
 from ..pages import GREY, ORANGE, Header, axis, curve, packed, sections_page, thinned
+from ..sections import INK, Cells, Key, Plain, Plot, Plots, Section, terminal
 
 ROWS_PER_WRITE = 65_536  # rows written at once
 MAX_SIGN_POINTS = 4000  # maximum number of points per line

@@ -11,28 +11,10 @@ from rich.text import Text
 
 from ....types import Input
 from ..documents import Document, description, ending, fit_document
-from ..layout import (
-    INK,
-    Card,
-    Cells,
-    Folds,
-    JointPlots,
-    Key,
-    Legend,
-    Plain,
-    Plot,
-    Plots,
-    Section,
-    determination,
-    figure,
-    heading,
-    paragraph,
-    plural,
-    terminal,
-    thousandths,
-)
+from ..layout import determination, figure, heading, paragraph, plural, thousandths
 from ..pages import BLUE, GREEN, ORANGE, Header, sections_page, shared
 from ..plots import MAX_OPEN, Line, line_points, loop_blocks, rollout_plots, torque_plot, worst, worst_joints
+from ..sections import INK, Card, Cells, Folds, JointPlots, Key, Legend, Plain, Plot, Plots, Section, terminal
 from .identification import cutoff_words
 from .servo_identification import (
     LOOP_HEADS,
