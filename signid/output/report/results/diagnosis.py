@@ -29,7 +29,6 @@ from ..sections import (
     Laws,
     Legend,
     Plain,
-    Plot,
     Plots,
     Section,
     Sentences,
@@ -284,13 +283,16 @@ def diagnosis_page(result: Diagnosis, inputs: Sequence[Input] = (), command: str
 
 def _places(result: Diagnosis) -> list[Section]:
     """Where the residual is, in sentences and heat maps, for a page."""
-    every = words.place_words(result) if len(result.located) > MAX_PLACES else []
-    before, after, top = residual_maps(result)
-    said = (Sentences(words.place_words(result, MAX_PLACES)), Fold("All joints", every))
+    joints = words.place_words(result) if len(result.located) > MAX_PLACES else []
+    learned, floor = result.train, result.before.irreducible_rms
+    before, after = (left / floor for left in (learned.before, learned.after))
+    top = hottest(learned, before)
+    said = (Sentences(words.place_words(result, MAX_PLACES)), Fold("All joints", joints))
+    extended = heat_maps(learned, after, top) if result.findings else ()
     return [
         Section(RESIDUAL, said),
-        Section("Original simulation", (Plots(before),), level=3),
-        Section("Extended simulation", (Plots(after if result.findings else ()),), level=3),
+        Section("Original simulation", (Plots(heat_maps(learned, before, top)),), level=3),
+        Section("Extended simulation", (Plots(extended),), level=3),
         Section("", (Legend(HEAT_LEGEND), Key([("scale", f"1 to {figure(top, 2)} times")]))),
     ]
 
@@ -304,14 +306,6 @@ def _separating(result: Diagnosis) -> Iterator[Plain | Sentences | Fold]:
             law = sentence_case(subject(named(result.robot, finding.law, finding.std)))
             folded = [line for line in whole if line not in first]
             yield from (Plain(law), Sentences(first), Fold(f"{len(folded)} more for {law}", folded))
-
-
-def residual_maps(result: Diagnosis) -> tuple[list[Plot], list[Plot], float]:
-    """Heat maps of the residual before and after the extension, and the largest ratio of their colours [1]."""
-    learned, floor = result.train, result.before.irreducible_rms
-    before, after = (left / floor for left in (learned.before, learned.after))
-    top = hottest(learned, before)
-    return heat_maps(learned, before, top), heat_maps(learned, after, top), top
 
 
 def _cards(result: Diagnosis, j: int) -> Iterator[Card]:
@@ -341,7 +335,10 @@ def _law_cards(result: Diagnosis) -> Iterator[LawCard]:
         table = Cells(("parameter", "value>", "± 95 %>", "unit"), [(x.key, x.value, x.half, x.unit) for x in numbers])
         if finding.stated:
             table = Cells(("parameter", "in the simulation>", "recorded>", "± 95 %>", "unit"), numbers)
-        rivals, sure = _rivals(result, finding), finding.probability >= MIN_CERTAIN_PROBABILITY
+        near = [(x.law, x.probability) for x in finding.alternatives if x.probability >= words.MIN_SHOWN]
+        probable = [(finding.law, finding.probability), *sorted(near, key=lambda pair: -pair[1])[:MAX_DRAWN]]
+        rivals = [(law_words(result.robot, law), Bar(confidence(p), 100 * p)) for law, p in probable]
+        sure = finding.probability >= MIN_CERTAIN_PROBABILITY
         alone = "No alternative comes close" if sure else "No other law gives half of this torque"
         where = f", mostly {cells.where}" if cells.where else ""
         absent = f"Not in the extended simulation: {finding.refused}".removesuffix(": ")
@@ -368,10 +365,3 @@ def _law_cards(result: Diagnosis) -> Iterator[LawCard]:
 def _title(result: Diagnosis, finding: Finding) -> str:
     """A finding in words, with its main number."""
     return sentence_case(finding_headline(named(result.robot, finding.law, finding.std, finding.stated)))
-
-
-def _rivals(result: Diagnosis, finding: Finding) -> list[tuple[str, Bar]]:
-    """A finding and its most probable alternatives, with their probabilities."""
-    rivals = [(rival.law, rival.probability) for rival in finding.alternatives if rival.probability >= words.MIN_SHOWN]
-    first = [(finding.law, finding.probability), *sorted(rivals, key=lambda pair: -pair[1])[:MAX_DRAWN]]
-    return [(law_words(result.robot, law), Bar(confidence(p), 100 * p)) for law, p in first]

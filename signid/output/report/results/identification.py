@@ -69,9 +69,7 @@ CONSISTENT = (
     "Only combinations are identifiable; the remaining degrees of freedom come from the description. A body is "
     "physically consistent if no eigenvalue is negative (Wensing, Kim, Slotine, IEEE RA-L 3(1), 2018)."
 )
-READING_STYLES = {"right": "green", "uncertain": "yellow", "wrong": "red"}
 HEADS = ("joint", "#>", "type", "carries link", "lower>", "upper>", "velocity>", "effort>", "unit")
-BASE_STYLES = {"identifiable": "green", "weak": "yellow", "unidentifiable": "red"}
 
 
 def identified_numbers(result: Identification) -> list[list[Quantity]]:

@@ -52,11 +52,11 @@ def servo_identification_document(result: ServoIdentification, inputs: Sequence[
     bodies = list(map(pseudo_inertia, inertials))
     zeros = [
         {
-            **picked(one, "joint sign sign_probability"),
-            "zero": {"value": one.zero, "std": one.std, "unit": "rad"},
-            "identifiable": one.identifiable,
+            **picked(zero, "joint sign sign_probability"),
+            "zero": {"value": zero.zero, "std": zero.std, "unit": "rad"},
+            "identifiable": zero.identifiable,
         }
-        for one in result.zeros
+        for zero in result.zeros
     ]
     return {
         **opening("signid.identification/1", robot),
@@ -66,7 +66,7 @@ def servo_identification_document(result: ServoIdentification, inputs: Sequence[
         "effects": list(_effects(result)),
         "signs": None,
         "fit": {**position_fit(result.rollout), "refit": result.refit},
-        "varies": [one._asdict() for one in result.varies],
+        "varies": [number._asdict() for number in result.varies],
         "method": "output error of the closed loop",
         "recordings": [
             {"path": log.path, "clock": stamps_clock(log.period), "content_rate": log.content_rate}
@@ -75,11 +75,11 @@ def servo_identification_document(result: ServoIdentification, inputs: Sequence[
         "servo": {
             "scale": {
                 "set_by": scale.known_by,
-                "share_of_known_load": {one.joint: one.known_load_share for one in result.joints},
+                "share_of_known_load": {joint.joint: joint.known_load_share for joint in result.joints},
                 "sentence": scale.sentence,
                 "otherwise": "; ".join(scale.alternatives),
             },
-            "joints": [_joint(one) for one in result.joints],
+            "joints": list(map(_joint, result.joints)),
             "rollout": {**rollout_document(result.rollout), "held_out": result.rollout.held_out},
             **({"zeros": zeros} if zeros else {}),
             **({"friction_models": models} if models else {}),
@@ -88,10 +88,10 @@ def servo_identification_document(result: ServoIdentification, inputs: Sequence[
     }
 
 
-def drive_numbers(one: ServoJoint) -> list[Quantity]:
+def drive_numbers(drive: ServoJoint) -> list[Quantity]:
     """Numbers of a drive, from which all outputs follow."""
-    more: dict[str, Document] = {"damping": {"is": DAMPING}, "effort_limit": {"saturated_share": one.saturated_share}}
-    return [_quantity(x, one.joint, one.law, **more.get(x.name, {})) for x in one.numbers.values()]
+    more: dict[str, Document] = {"damping": {"is": DAMPING}, "effort_limit": {"saturated_share": drive.saturated_share}}
+    return [_quantity(x, drive.joint, drive.law, **more.get(x.name, {})) for x in drive.numbers.values()]
 
 
 def _quantity(x: ServoNumber, joint: str, law: str = "", **more: Any) -> Quantity:
@@ -146,11 +146,11 @@ def _model(one: FrictionModel, held_out: bool) -> Document:
 
 def _effects(result: ServoIdentification) -> Iterator[Document]:
     """Passive laws of the joints that the recordings identify."""
-    for one in result.joints:
-        numbers = {x.name: x for x in drive_numbers(one) if x.known}
+    for drive in result.joints:
+        numbers = {x.name: x for x in drive_numbers(drive) if x.known}
         for x in (numbers[name] for name in EFFECT_NUMBERS if name in numbers):
             key = next(iter(EFFECTS[x.name].parameters))
-            yield effect_document(x.name, one.joint, [Quantity(key, x.value, x.std, x.unit)])
+            yield effect_document(x.name, drive.joint, [Quantity(key, x.value, x.std, x.unit)])
 
 
 def position_fit(found: ServoRollOut) -> Document:
@@ -174,7 +174,7 @@ def rollout_document(found: ServoRollOut) -> Document:
 
 def servo_identification_tables(result: ServoIdentification) -> list[RenderableType]:
     """Drives with their intervals, one joint a line; what is not identifiable; errors of closed loops."""
-    style = loop_style(result.rollout, result.far)
+    style = "bold red" if poor_joints(result.rollout, result.far) else "bold"
     return [Text(_headline(result), style), *terminal(_sections(result), _unsaid(result, result.notes))]
 
 
@@ -208,7 +208,7 @@ def _sections(result: ServoIdentification, *, pages: bool = False) -> list[Secti
         _loops(found).beside(*drawn),
         Section("Friction over speed and load", friction),
         Section("Probability of the laws that were compared", (Cells(["joint", *(f"{x}>" for x in laws)], posterior),)),
-        _models(result).beside(*(_model_numbers(result) if pages else ())),
+        _models(result, pages),
     ]
 
 
@@ -271,11 +271,6 @@ def loop_units(found: ServoRollOut) -> str:
     return " or ".join(dict.fromkeys(f"m{unit}" for unit in found.units))
 
 
-def loop_style(found: ServoRollOut, far: Sequence[str] = ()) -> str:
-    """Style of a headline on the terminal: red where the prediction is bad."""
-    return "bold red" if poor_joints(found, far) else "bold"
-
-
 def _cards(result: ServoIdentification) -> Iterator[Card]:
     """Key figures beside those of the headline."""
     found = result.rollout
@@ -334,13 +329,13 @@ def _numbers(joints: Sequence[ServoJoint], named: bool) -> Cells:
     return Cells(["joint", *(["law\n(probability)"] if named else []), *heads, *(["saturated>"] * limited)], rows)
 
 
-def _law(one: ServoJoint) -> str:
-    if one.law_probability is None:
-        return f"{one.law} (stated)"
-    if len(one.laws) > 1 and len({*one.laws.values()}) == 1:
-        return " or ".join(sorted(one.laws, key=lambda law: law != one.law))
-    sure = ">0.999" if one.law_probability > 0.999 else f"{one.law_probability:.2f}"
-    return f"{one.law} ({sure})"
+def _law(drive: ServoJoint) -> str:
+    if drive.law_probability is None:
+        return f"{drive.law} (stated)"
+    if len(drive.laws) > 1 and len({*drive.laws.values()}) == 1:
+        return " or ".join(sorted(drive.laws, key=lambda law: law != drive.law))
+    sure = ">0.999" if drive.law_probability > 0.999 else f"{drive.law_probability:.2f}"
+    return f"{drive.law} ({sure})"
 
 
 def _unidentifiable(result: ServoIdentification) -> list[str]:
@@ -357,20 +352,24 @@ def _probability(value: float | None) -> str:
     return ">0.999" if value > 0.999 else f"{value:.3f}" if value >= 0.0005 else "<0.001"
 
 
-def _models(result: ServoIdentification) -> Section:
-    """One row per friction model: errors of whole recordings, evidence, time."""
+def _models(result: ServoIdentification, pages: bool) -> Section:
+    """A row per friction model: errors of whole recordings, evidence, time; on pages with its numbers by joint."""
     heads = ("model", "has", "mean |error|>", "rms>", "log Bayes factor>", "probability>", "processor s>")
-    rows = [
-        (
-            *(one.name, one.terms, *(_by_unit(result.rollout, x) for x in (one.mean_absolute, one.rms))),
-            f"{one.log_bayes_factor:.1f}",
-            "-" if np.isnan(one.probability) else f"{one.probability:.2f}",
-            f"{one.seconds:.1f}",
-        )
-        for one in result.friction_models
-    ]
-    title = f"Friction models: errors from commands alone, {_rows_of(result.rollout)}"
-    return Section(title, (Cells(heads, rows),) if rows else ())
+    rows, by_joint = [], []
+    for model in result.friction_models:
+        errors = (_by_unit(result.rollout, x) for x in (model.mean_absolute, model.rms))
+        probability = "-" if np.isnan(model.probability) else f"{model.probability:.2f}"
+        evidence = (f"{model.log_bayes_factor:.1f}", probability, f"{model.seconds:.1f}")
+        rows.append((model.name, model.terms, *errors, *evidence))
+        for joint, numbers in model.numbers.items():
+            shown = [_quantity(x, joint).displayed() for x in numbers.values()]
+            known = ", ".join(f"{spaced(x.name)} {x.cell} {x.unit}".rstrip() for x in shown if x.known)
+            by_joint.append((model.name, joint, known, ", ".join(spaced(x.name) for x in shown if not x.known)))
+    blocks: tuple[Block, ...] = (Cells(heads, rows),) if rows else ()
+    if pages and by_joint:
+        numbers_heads = ("model", "joint", "numbers, ± 95 %", "not identifiable")
+        blocks = (*blocks, Cells(numbers_heads, by_joint), Legend(FRICTION_MODELS_LEGEND))
+    return Section(f"Friction models: errors from commands alone, {_rows_of(result.rollout)}", blocks)
 
 
 def _rows_of(found: ServoRollOut) -> str:
@@ -382,16 +381,3 @@ def _by_unit(found: ServoRollOut, errors: Array) -> str:
     each = {unit: errors[[u == unit for u in found.units]] for unit in dict.fromkeys(found.units)}
     means = {unit: x[~np.isnan(x)] for unit, x in each.items()}
     return ", ".join(f"{thousandths(float(np.mean(x)))} m{unit}" for unit, x in means.items() if x.size)
-
-
-def _model_numbers(result: ServoIdentification) -> Iterator[Block]:
-    """Numbers of each friction model by joint, those that are not identifiable last."""
-    rows = []
-    for one in result.friction_models:
-        for joint, numbers in one.numbers.items():
-            shown = [_quantity(x, joint).displayed() for x in numbers.values()]
-            known = ", ".join(f"{spaced(x.name)} {x.cell} {x.unit}".rstrip() for x in shown if x.known)
-            rows.append((one.name, joint, known, ", ".join(spaced(x.name) for x in shown if not x.known)))
-    if rows:
-        yield Cells(("model", "joint", "numbers, ± 95 %", "not identifiable"), rows)
-        yield Legend(FRICTION_MODELS_LEGEND)

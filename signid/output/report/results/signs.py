@@ -145,20 +145,15 @@ def signs_page(signs: Signs, units: Sequence[str] = ()) -> str:
 
 def drawn_signs(signs: Signs, units: Sequence[str] = (), level: int = 2) -> list[Section]:
     """Torque with its signs over time, a section a recording with headings of a level, for a page."""
-    parts = sign_plots(signs, units)
+    joint_units = units or ["N.m or N"] * len(signs.joints)
+    parts = {
+        part_name(signs, part): [_plot(signs, part, j, joint_units[j]) for j in signs.hidden]
+        for part in range(len(signs.traces) if signs.hidden else 0)
+    }
     named = [part for part in parts if len(parts) > 1 or not part.startswith("recording ")]
     first = Section("Torque signs", (Plain(proof_sentence(signs)), Plain(SHADES_LEGEND), Key(SIGNS_KEY)))
     shown = [Section(part if part in named else "", (Plots(plots),), level) for part, plots in parts.items()]
     return [first, *shown] if parts else []
-
-
-def sign_plots(signs: Signs, units: Sequence[str] = ()) -> dict[str, list[Plot]]:
-    """Plot each joint without recorded signs, per recording."""
-    named = units or ["N.m or N"] * len(signs.joints)
-    return {
-        part_name(signs, part): [_plot(signs, part, j, named[j]) for j in signs.hidden]
-        for part in range(len(signs.traces) if signs.hidden else 0)
-    }
 
 
 def _plot(signs: Signs, part: int, j: int, unit: str) -> Plot:

@@ -39,8 +39,8 @@ LOOP_NOTE = "Over whole recordings, and restarted from the measured state every 
 def validation_document(result: Validation, inputs: Sequence[Input] = ()) -> Document:
     """Build the content of validation.json; `inputs` besides the recordings default to the models' descriptions."""
     models = [
-        {"fit": {**fit_document(one.fit), "train_rms": None}, "rollout": _rollout_document(one, result.horizon)}
-        for one in result.models
+        {"fit": {**fit_document(model.fit), "train_rms": None}, "rollout": _rollout_document(model, result.horizon)}
+        for model in result.models
     ]
     cutoff = {"torque": result.cutoff, "position": result.position_cutoff, "unit": "Hz"}
     return _document(result, models, inputs, {"cutoff": cutoff})
@@ -49,8 +49,8 @@ def validation_document(result: Validation, inputs: Sequence[Input] = ()) -> Doc
 def servo_validation_document(result: ServoValidation, inputs: Sequence[Input] = ()) -> Document:
     """Build the content of validation.json; `inputs` besides the recordings default to the models' descriptions."""
     models = [
-        {"fit": {**position_fit(one.rollout), "train_rms": None}, "rollout": rollout_document(one.rollout)}
-        for one in result.models
+        {"fit": {**position_fit(model.rollout), "train_rms": None}, "rollout": rollout_document(model.rollout)}
+        for model in result.models
     ]
     return _document(result, models, inputs, {})
 
@@ -60,21 +60,21 @@ def _document(result: Any, models: Sequence[Document], inputs: Sequence[Input], 
     return {
         "schema": "signid.validation/1",
         "models": [
-            {"path": one.name, "robot": one.model.robot.name, **content}
-            for one, content in zip(result.models, models, strict=True)
+            {"path": model.name, "robot": model.model.robot.name, **content}
+            for model, content in zip(result.models, models, strict=True)
         ],
         **more,
-        **ending(result, result.inputs, inputs or [description(one.model.robot) for one in result.models], result.seed),
+        **ending(result, result.inputs, inputs or [description(x.model.robot) for x in result.models], result.seed),
     }
 
 
-def _rollout_document(one: ValidatedModel, horizon: float | str) -> Document | None:
-    if one.whole is not None:
-        rms = [float(x) if np.isfinite(x) else None for x in one.whole.rms]
-        return {"horizon": horizon, "rms": rms, "unit": one.whole.unit, "duration": one.whole.seconds}
-    if one.rollout is None or isinstance(horizon, str):
+def _rollout_document(model: ValidatedModel, horizon: float | str) -> Document | None:
+    if (whole := model.whole) is not None:
+        rms = [float(x) if np.isfinite(x) else None for x in whole.rms]
+        return {"horizon": horizon, "rms": rms, "unit": whole.unit, "duration": whole.seconds}
+    if model.rollout is None or isinstance(horizon, str):
         return None
-    return {"horizon": horizon, "rms": one.rollout.rms(horizon), "unit": one.rollout.unit}
+    return {"horizon": horizon, "rms": model.rollout.rms(horizon), "unit": model.rollout.unit}
 
 
 def validation_tables(result: Validation) -> list[RenderableType]:
@@ -96,10 +96,17 @@ def validation_page(result: Validation, inputs: Sequence[Input] = (), command: s
     """Render report.html of a validation; `inputs` besides the recordings default to the models' descriptions."""
     over = "validation of given models on recordings, without fitting"
     marks = [
-        (_style(k)[0], f"{k + 1}: {one.name}" if len(result.models) > 1 else one.name)
-        for k, one in enumerate(result.models)
+        (_style(k)[0], f"{k + 1}: {model.name}" if len(result.models) > 1 else model.name)
+        for k, model in enumerate(result.models)
     ]
-    key, torque, rolled = Key([("measured", "measured"), *marks]), _torque(result), validated_rollouts(result)
+    key, torque, named = Key([("measured", "measured"), *marks]), _torque(result), _marks(result.models)
+    rolled = rollout_plots(
+        [
+            (f"model{named[k]}", model.rollout, *_style(k))
+            for k, model in enumerate(result.models)
+            if model.rollout is not None
+        ]
+    )
     note = (
         f"Residual is measured - predicted torque, low-passed at {figure(result.cutoff)} Hz. Rows where a joint is at "
         "rest are excluded, since dry friction is undetermined there."
@@ -109,43 +116,34 @@ def validation_page(result: Validation, inputs: Sequence[Input] = (), command: s
         torque._replace(blocks=(key, *torque.blocks, Folds(note, list(validated_plots(result))))),
         _rolled(result).beside(*drawn),
     ]
-    header = Header(_title(result, "validated"), over, list(_cards(result.models)))
-    return sections_page(header, sections, shared(result, (one.model.robot for one in result.models), inputs, command))
+    cards = []
+    for model in result.models:
+        j, fit = worst(model.fit)[0], model.fit
+        beside = f"noise floor {figure(float(fit.noise_floor[j]), 2)} {fit.unit[j]}"
+        r2 = determination(float(fit.held_out_r2[j]))
+        rms = f"{figure(float(fit.held_out_rms[j]))} {fit.unit[j]}"
+        cards.append(Card(f"{model.name}: rms of its worst joint, {fit.joints[j]}", rms, f"{beside}, R2 {r2}"))
+    header = Header(_title(result, "validated"), over, cards)
+    return sections_page(header, sections, shared(result, (x.model.robot for x in result.models), inputs, command))
 
 
 def servo_validation_page(result: ServoValidation, inputs: Sequence[Input] = (), command: str = "") -> str:
     """Render report.html of a validation; `inputs` besides the recordings default to the models' descriptions."""
-    models, sections = result.models, [_loops(result)]
-    for number, one in enumerate(models, 1):
-        key, *folds = loop_blocks(one.traces, one.rollout, models[0].rollout.nominal, "model") or (Key(()),)
+    models, sections, cards = result.models, [_loops(result)], []
+    for number, model in enumerate(models, 1):
+        found = model.rollout
+        key, *folds = loop_blocks(model.traces, found, models[0].rollout.nominal, "model") or (Key(()),)
         sections += [Section("", (key,))] if number == 1 else []
-        sections.append(Section(f"{number}: {one.name}" if len(models) > 1 else "", tuple(folds), level=3))
+        sections.append(Section(f"{number}: {model.name}" if len(models) > 1 else "", tuple(folds), level=3))
+        for j in worst_joints(found)[:1] if len(models) > 1 or len(found.joints) > 1 else ():
+            errors = (found.whole_rms, found.one_second_rms, found.nominal_whole_rms)
+            size, short, usual = (thousandths(float(rms[j])) for rms in errors)
+            beside = f"{short} restarted every second; {usual} by {found.nominal}"
+            cards.append(Card(f"{model.name}: worst joint, {found.joints[j]}", f"{size} m{found.units[j]} rms", beside))
     over = "validation of models with position drives, from commands alone, without fitting"
     kind = "unreliable" if _is_poor(result) else ""
-    header = Header(_title(result, "closed loop validated"), over, list(_loop_cards(result)), kind, _loop_title(result))
-    return sections_page(header, sections, shared(result, (one.model.robot for one in models), inputs, command))
-
-
-def _cards(models: Sequence[ValidatedModel]) -> Iterator[Card]:
-    """Key figures of each model's worst joint."""
-    for one in models:
-        j, fit = worst(one.fit)[0], one.fit
-        beside = f"noise floor {figure(float(fit.noise_floor[j]), 2)} {fit.unit[j]}"
-        r2 = determination(float(fit.held_out_r2[j]))
-        rms = f"{figure(float(fit.held_out_rms[j]))} {fit.unit[j]}"
-        yield Card(f"{one.name}: rms of its worst joint, {fit.joints[j]}", rms, f"{beside}, R2 {r2}")
-
-
-def _loop_cards(result: ServoValidation) -> Iterator[Card]:
-    """Key figures of each model's worst joint."""
-    for one in result.models:
-        found = one.rollout
-        for j in worst_joints(found)[:1] if len(result.models) > 1 or len(found.joints) > 1 else ():
-            size, short, usual = (
-                thousandths(float(rms[j])) for rms in (found.whole_rms, found.one_second_rms, found.nominal_whole_rms)
-            )
-            beside = f"{short} restarted every second; {usual} by {found.nominal}"
-            yield Card(f"{one.name}: worst joint, {found.joints[j]}", f"{size} m{found.units[j]} rms", beside)
+    header = Header(_title(result, "closed loop validated"), over, cards, kind, _loop_title(result))
+    return sections_page(header, sections, shared(result, (x.model.robot for x in models), inputs, command))
 
 
 def _title(result: Any, what: str) -> str:
@@ -166,12 +164,12 @@ def _loop_title(result: ServoValidation) -> str:
 
 def _is_poor(result: ServoValidation) -> bool:
     """Whether a model predicts a joint badly."""
-    return any(poor_joints(one.rollout) for one in result.models)
+    return any(poor_joints(model.rollout) for model in result.models)
 
 
 def _listed(result: Any) -> list[RenderableType]:
     """Several models with their numbers."""
-    listed = [f"{number}  {one.name}" for number, one in enumerate(result.models, 1)]
+    listed = [f"{number}  {model.name}" for number, model in enumerate(result.models, 1)]
     return [paragraph(line) for line in (listed if len(listed) > 1 else [])]
 
 
@@ -234,14 +232,6 @@ def _joints(models: Sequence[ValidatedModel]) -> list[str]:
 def _marks(models: Sequence[Any]) -> list[str]:
     """Suffixes of the names of the models: their numbers if there are several."""
     return [f" {number}" for number in range(1, len(models) + 1)] if len(models) > 1 else [""]
-
-
-def validated_rollouts(result: Validation) -> list[Plot]:
-    """Plot the roll-out errors of all models, per joint."""
-    models = zip(_marks(result.models), result.models, strict=True)
-    return rollout_plots(
-        [(f"model{m}", one.rollout, *_style(k)) for k, (m, one) in enumerate(models) if one.rollout is not None]
-    )
 
 
 def validated_plots(result: Validation) -> Iterator[JointPlots]:
