@@ -236,7 +236,9 @@ def _over_time(joint: str, course: _Course, length: str, torque: str) -> Plot:
 
 
 def _spectra(rows: Samples, j: int, length: str, torque: str, marks: Marks) -> Iterator[Plot]:
-    """Plot the power density of position and torque, or command, of one joint."""
+    """Plot the power density of position and torque, or command, of one joint, with marked frequencies [Hz]."""
+    from scipy.signal import welch
+
     signals = [("position", rows.q[:, j], length)]
     if torque and np.isfinite(rows.tau[:, j]).any():
         signals.append(("torque", rows.tau[:, j], f"({torque})"))
@@ -244,30 +246,25 @@ def _spectra(rows: Samples, j: int, length: str, torque: str, marks: Marks) -> I
         signals.append(("command", rows.q_des[:, j], length))
     for name, values, unit in signals:
         known = np.isfinite(values) & np.isfinite(rows.t)
-        if known.sum() > MIN_POINTS:
-            yield _spectrum(name, rows.t[known], values[known], unit, marks)
-
-
-def _spectrum(name: str, t: Array, values: Array, unit: str, marks: Marks) -> Plot:
-    """Power density of values (N,) [unit] over frequency, with marked frequencies [Hz]."""
-    from scipy.signal import welch
-
-    period = float(np.median(np.diff(t)))
-    grid = np.arange(t[0], t[-1], period)
-    f, power = welch(np.interp(grid, t, values), 1 / period, nperseg=min(WINDOW_ROWS, len(grid)))
-    power = np.maximum(power[1:], MIN_POWER * max(float(power.max()), 1e-300))
-    edges = np.unique(np.geomspace(1, len(power), MAX_BINS).astype(int)) - 1  # the axis is logarithmic; peaks stay
-    shown = packed(f[1:][edges]), packed(np.maximum.reduceat(power, edges))
-    data: list[dict[str, Any]] = [curve(name, *shown, {"color": INK, "width": 1.3}, hoverinfo="skip")]
-    ends = [float(power.min()), float(power.max())]
-    for (mark, place), colour in zip(marks.items(), (ORANGE, BLUE, GREY)[-len(marks) :], strict=True):
-        if f[1] <= place <= f[-1]:
-            hover = plot_markup("$mark: %{x:.4g} Hz<extra></extra>", mark=mark)
-            line = {"color": colour, "width": 2, "dash": "dash"}
-            data.append(curve(mark, [place, place], ends, line, hovertemplate=hover))
-    named = ", ".join(f"{mark} {figure(place)} Hz" for mark, place in marks.items() if np.isfinite(place))
-    layout = {
-        "xaxis": axis("frequency [Hz]", type="log", dtick=1),
-        "yaxis": axis(f"density [{unit}²/Hz]", type="log", nticks=5, exponentformat="e"),
-    }
-    return Plot(f"spectrum of the {name}; dashed: {named}", data, layout)
+        if known.sum() <= MIN_POINTS:
+            continue
+        t = rows.t[known]
+        period = float(np.median(np.diff(t)))
+        grid = np.arange(t[0], t[-1], period)
+        f, power = welch(np.interp(grid, t, values[known]), 1 / period, nperseg=min(WINDOW_ROWS, len(grid)))
+        power = np.maximum(power[1:], MIN_POWER * max(float(power.max()), 1e-300))
+        edges = np.unique(np.geomspace(1, len(power), MAX_BINS).astype(int)) - 1  # the axis is logarithmic; peaks stay
+        shown = packed(f[1:][edges]), packed(np.maximum.reduceat(power, edges))
+        data: list[dict[str, Any]] = [curve(name, *shown, {"color": INK, "width": 1.3}, hoverinfo="skip")]
+        ends = [float(power.min()), float(power.max())]
+        for (mark, place), colour in zip(marks.items(), (ORANGE, BLUE, GREY)[-len(marks) :], strict=True):
+            if f[1] <= place <= f[-1]:
+                hover = plot_markup("$mark: %{x:.4g} Hz<extra></extra>", mark=mark)
+                line = {"color": colour, "width": 2, "dash": "dash"}
+                data.append(curve(mark, [place, place], ends, line, hovertemplate=hover))
+        named = ", ".join(f"{mark} {figure(place)} Hz" for mark, place in marks.items() if np.isfinite(place))
+        layout = {
+            "xaxis": axis("frequency [Hz]", type="log", dtick=1),
+            "yaxis": axis(f"density [{unit}²/Hz]", type="log", nticks=5, exponentformat="e"),
+        }
+        yield Plot(f"spectrum of the {name}; dashed: {named}", data, layout)
