@@ -118,29 +118,29 @@ def _ordered(numbers: Iterable[Quantity]) -> list[Quantity]:
     return sorted(numbers, key=lambda x: LEADING.index(x.name) if x.name in LEADING else len(LEADING))
 
 
-def _joint(one: ServoJoint) -> Document:
-    limit = {"value": None, "std": None, "unit": "", "saturated_share": one.saturated_share}
-    numbers = {x.name: x.document() for x in _ordered(drive_numbers(one))}
+def _joint(drive: ServoJoint) -> Document:
+    limit = {"value": None, "std": None, "unit": "", "saturated_share": drive.saturated_share}
+    numbers = {x.name: x.document() for x in _ordered(drive_numbers(drive))}
     return {
-        **picked(one, "joint law law_probability"),
-        "laws": dict(one.laws),
+        **picked(drive, "joint law law_probability"),
+        "laws": dict(drive.laws),
         **numbers,
         "effort_limit": numbers.get("effort_limit", limit),
-        "known_load_share": one.known_load_share,
-        **({"equal": list(one.equal)} if one.equal else {}),
-        "not_identifiable": list(one.not_identifiable),
+        "known_load_share": drive.known_load_share,
+        **({"equal": list(drive.equal)} if drive.equal else {}),
+        "not_identifiable": list(drive.not_identifiable),
     }
 
 
-def _model(one: FrictionModel, held_out: bool) -> Document:
-    each = {joint: [_quantity(x, joint) for x in numbers.values()] for joint, numbers in one.numbers.items()}
+def _model(model: FrictionModel, held_out: bool) -> Document:
+    by_joint = {joint: [_quantity(x, joint) for x in numbers.values()] for joint, numbers in model.numbers.items()}
     return {
-        "model": one.name,
-        **picked(one, "terms mean_absolute rms"),
+        "model": model.name,
+        **picked(model, "terms mean_absolute rms"),
         "held_out": held_out,
-        **picked(one, "log_bayes_factor probability"),
-        "processor_seconds": one.seconds,
-        "joints": {joint: {x.name: x.document() for x in numbers} for joint, numbers in each.items()},
+        **picked(model, "log_bayes_factor probability"),
+        "processor_seconds": model.seconds,
+        "joints": {joint: {x.name: x.document() for x in numbers} for joint, numbers in by_joint.items()},
     }
 
 
@@ -195,7 +195,7 @@ def _sections(result: ServoIdentification, *, pages: bool = False) -> list[Secti
     drawn = loop_blocks(result.traces, found, found.nominal, "identified") if pages else ()
     friction = (Legend(FRICTION_LEGEND), Plots(friction_plots(result, found.joints))) if pages else ()
     scale = [text for text in (result.scale.sentence, *result.scale.alternatives) if text]
-    if known := sorted(one.known_load_share for one in result.joints if isfinite(one.known_load_share)):
+    if known := sorted(drive.known_load_share for drive in result.joints if isfinite(drive.known_load_share)):
         to = f"{share(known[0])} to " if len(known) > 1 else ""
         scale.append(f"the masses of the description explain {to}{share(known[-1])} of the torque of the drives")
     tried = [joint for joint in result.joints if len({*joint.laws.values()}) > 1]
@@ -303,9 +303,9 @@ def _loops(found: ServoRollOut) -> Section:
 
 def _drives(result: ServoIdentification) -> Section:
     """One row per joint: law, numbers with 95 % intervals or bounds; ratios in a table of their own without a scale."""
-    laws = dict.fromkeys(_law(one) for one in result.joints)
-    ratios = [one for one in result.joints if any("/" in name for name in one.numbers)]
-    groups = [one for one in result.joints if one not in ratios], ratios
+    laws = dict.fromkeys(_law(drive) for drive in result.joints)
+    ratios = [drive for drive in result.joints if any("/" in name for name in drive.numbers)]
+    groups = [drive for drive in result.joints if drive not in ratios], ratios
     tables = [_numbers(joints, len(laws) > 1) for joints in groups if joints]
     bounded = any(cell[:1] in ("<", ">", "-") for x in tables for row in x.rows for cell in row[1:] if cell[1:2] in " ")
     title = f"Drives by the law {next(iter(laws))}, ± 95 %" if len(laws) == 1 else "Drives, ± 95 %"
@@ -316,15 +316,15 @@ def _drives(result: ServoIdentification) -> Section:
 
 def _numbers(joints: Sequence[ServoJoint], named: bool) -> Cells:
     """A row for each of some joints, those of ratios or the others; `named`: with their laws."""
-    every = _ordered(x for one in joints for x in drive_numbers(one))
+    every = _ordered(x for drive in joints for x in drive_numbers(drive))
     names = {x.name for x in every if x.name in LEADING[:5] or (x.known and x.value)}
     if any("/" in x.name for x in every):
         names = {x.name for x in every if x.name in ("delay", "lag") or "/" in x.name}
     shown = [x.displayed() for x in every if x.name in names]
-    heads, cells = grid(shown, lambda x: f"{spaced(x.name)}\n", [one.joint for one in joints])
-    first = [[one.joint, *([_law(one)] if named else [])] for one in joints]
-    last = [[share(one.saturated_share)] for one in joints]
-    limited = any(one.saturated_share > 0 for one in joints)
+    heads, cells = grid(shown, lambda x: f"{spaced(x.name)}\n", [drive.joint for drive in joints])
+    first = [[drive.joint, *([_law(drive)] if named else [])] for drive in joints]
+    last = [[share(drive.saturated_share)] for drive in joints]
+    limited = any(drive.saturated_share > 0 for drive in joints)
     rows = [[*a, *b, *(c if limited else [])] for a, b, c in zip(first, cells, last, strict=True)]
     return Cells(["joint", *(["law\n(probability)"] if named else []), *heads, *(["saturated>"] * limited)], rows)
 

@@ -155,7 +155,7 @@ def _title(result: Any, what: str) -> str:
 def _loop_title(result: ServoValidation) -> str:
     """How well the loops of the only model are predicted, or of the best one of several."""
     best = min(
-        result.models, key=lambda one: sum(x**2 for x in all_joints(one.rollout, one.rollout.whole_rms).values())
+        result.models, key=lambda model: sum(x**2 for x in all_joints(model.rollout, model.rollout.whole_rms).values())
     )
     name = best.name if len(result.models) == 1 else f"{plural(len(result.models), 'model')}, best {best.name}"
     on = f"on {plural(len(result.inputs), 'recording')}"
@@ -177,7 +177,8 @@ def _torque(result: Validation) -> Section:
     """Rms, noise floor and R2 of every model, in the order of the models."""
     marks, rows = _marks(result.models), []
     for joint in _joints(result.models):
-        fits = [(one.fit, one.fit.joints.index(joint) if joint in one.fit.joints else None) for one in result.models]
+        quality = [model.fit for model in result.models]
+        fits = [(fit, fit.joints.index(joint) if joint in fit.joints else None) for fit in quality]
         rms = ["-" if j is None else figure(float(fit.held_out_rms[j])) for fit, j in fits]
         r2 = ["-" if j is None else determination(float(fit.held_out_r2[j])) for fit, j in fits]
         fit, first = next((fit, j) for fit, j in fits if j is not None)
@@ -192,20 +193,20 @@ def _rolled(result: Validation) -> Section:
         title = "Simulations of whole recordings under recorded torque: rms position error"
     else:
         title = f"Roll-outs of {result.horizon:g} s from measured states: rms position error at the end"
-    simulated, rows = [_errors(one, result.horizon) for one in result.models], []
+    simulated, rows = [_errors(model, result.horizon) for model in result.models], []
     for joint in _joints(result.models):
         errors = [figure(float(found[joint][0])) if joint in found else "-" for found in simulated]
         rows.append([joint, *errors, next((found[joint][1] for found in simulated if joint in found), "")])
     heads = ["joint", *(f"error{m}>" for m in _marks(result.models)), "unit"]
-    return Section(title, (Cells(heads, rows if any(one.rollout or one.whole for one in result.models) else ()),))
+    return Section(title, (Cells(heads, rows if any(model.rollout or model.whole for model in result.models) else ()),))
 
 
-def _errors(one: ValidatedModel, horizon: float | str) -> Mapping[str, tuple[float, str]]:
+def _errors(model: ValidatedModel, horizon: float | str) -> Mapping[str, tuple[float, str]]:
     """Rms position error and its unit by joint; empty without a simulation."""
-    if one.whole is not None:
-        joints, rms, units = one.whole.joints, one.whole.rms, one.whole.unit
-    elif one.rollout is not None and not isinstance(horizon, str):
-        joints, rms, units = one.rollout.joints, one.rollout.rms(horizon), one.rollout.unit
+    if model.whole is not None:
+        joints, rms, units = model.whole.joints, model.whole.rms, model.whole.unit
+    elif model.rollout is not None and not isinstance(horizon, str):
+        joints, rms, units = model.rollout.joints, model.rollout.rms(horizon), model.rollout.unit
     else:
         return {}
     return dict(zip(joints, zip(rms, units, strict=True), strict=True))
@@ -213,12 +214,12 @@ def _errors(one: ValidatedModel, horizon: float | str) -> Mapping[str, tuple[flo
 
 def _loops(result: ServoValidation) -> Section:
     """Tracking error, and errors of every model and their shares of it."""
-    loops = [one.rollout for one in result.models]
+    loops = [model.rollout for model in result.models]
     units, tracking = loop_units(loops[0]), loops[0].tracking_rms
     names = [f"{name}{mark}" for mark in _marks(result.models) for name in LOOP_HEADS]
     heads = [f"{name}>" if LOOP_HEADS[1] in name else f"{name}\n[{units}]>" for name in ("tracking", *names)]
     rows = [
-        [joint, thousandths(float(tracking[j])), *(cell for one in loops for cell in loop_cells(one, j))]
+        [joint, thousandths(float(tracking[j])), *(cell for loop in loops for cell in loop_cells(loop, j))]
         for j, joint in enumerate(loops[0].joints)
     ]
     return Section("Closed loop from commands alone: rms position error", (Cells(["joint", *heads], rows),))
@@ -226,7 +227,7 @@ def _loops(result: ServoValidation) -> Section:
 
 def _joints(models: Sequence[ValidatedModel]) -> list[str]:
     """Joints of all models, without repetitions."""
-    return list(dict.fromkeys(joint for one in models for joint in one.fit.joints))
+    return list(dict.fromkeys(joint for model in models for joint in model.fit.joints))
 
 
 def _marks(models: Sequence[Any]) -> list[str]:
@@ -239,10 +240,10 @@ def validated_plots(result: Validation) -> Iterator[JointPlots]:
     fit = result.models[0].fit
     shown = [fit.joints[j] for j in worst(fit)][:MAX_OPEN]
     for joint in _joints(result.models):
-        having = [(k, one) for k, one in enumerate(result.models) if joint in one.fit.joints]
-        moving = [(k, one, one.fit.joints.index(joint)) for k, one in having]
+        having = [(k, model) for k, model in enumerate(result.models) if joint in model.fit.joints]
+        moving = [(k, model, model.fit.joints.index(joint)) for k, model in having]
         unit = moving[0][1].fit.unit[moving[0][2]]
-        rms = ", ".join(figure(float(one.fit.held_out_rms[j])) for _, one, j in moving)
+        rms = ", ".join(figure(float(model.fit.held_out_rms[j])) for _, model, j in moving)
         yield JointPlots(joint, f"rms {rms} {unit}", joint in shown, _plots(result, joint, unit, moving))
 
 
@@ -251,16 +252,16 @@ def _plots(
 ) -> tuple[Plot, ...]:
     """Torque over time of models with the same rows as the first model."""
     first, marks = moving[0][1], _marks(result.models)
-    alike = [(k, one, j) for k, one, j in moving if np.array_equal(one.t, first.t)]
-    measured = next((one.torque[:, j] for _, one, j in alike if np.isfinite(one.residual[:, j]).any()), None)
+    alike = [(k, model, j) for k, model, j in moving if np.array_equal(model.t, first.t)]
+    measured = next((model.torque[:, j] for _, model, j in alike if np.isfinite(model.residual[:, j]).any()), None)
     if measured is None:
         return ()
     lines = [Line("measured", "y", INK, {"width": 1.6}, measured)]
-    for k, one, j in alike:
+    for k, model, j in alike:
         colour, dash = _style(k)
         style = {"width": 1.3, "dash": dash}
-        lines.append(Line(f"predicted{marks[k]}", "y", colour, style, measured - one.residual[:, j]))
-        lines.append(Line(f"residual{marks[k]}", "y2", colour, style, one.residual[:, j]))
+        lines.append(Line(f"predicted{marks[k]}", "y", colour, style, measured - model.residual[:, j]))
+        lines.append(Line(f"residual{marks[k]}", "y2", colour, style, model.residual[:, j]))
     most = line_points(len(result.models[0].fit.joints) * (1 + len(lines)), 3)
     return (torque_plot(joint, first, unit, lines, most),)
 
