@@ -196,15 +196,15 @@ def rollout_plots(rolled: Sequence[tuple[str, RollOut, str, str]]) -> list[Plot]
     Each model has a name, a roll-out, a colour and a dash; a plot shows the models that have its joint.
     """
     found: dict[tuple[str, str], list[dict[str, Any]]] = {}
-    for name, one, colour, dash in rolled:
-        step = -(-len(one.t) // ROLLOUT_POINTS)
-        kept = np.arange(len(one.t) - 1, -1, -step)[::-1]
-        for j, key in enumerate(zip(one.joints, one.unit, strict=True)):
-            error = np.sqrt(np.mean(one.error[:, kept, j] ** 2, axis=0))
+    for name, rollout, colour, dash in rolled:
+        step = -(-len(rollout.t) // ROLLOUT_POINTS)
+        kept = np.arange(len(rollout.t) - 1, -1, -step)[::-1]
+        for j, key in enumerate(zip(rollout.joints, rollout.unit, strict=True)):
+            error = np.sqrt(np.mean(rollout.error[:, kept, j] ** 2, axis=0))
             hover = plot_markup("$name: %{y:.3g} $unit after %{x:.3g} s<extra></extra>", name=name, unit=key[1])
             line = {"color": colour, "width": 2, "dash": dash}
             y = packed(np.where(np.isfinite(error), error, np.nan))
-            found.setdefault(key, []).append(curve(name, packed(one.t[kept]), y, line, hovertemplate=hover))
+            found.setdefault(key, []).append(curve(name, packed(rollout.t[kept]), y, line, hovertemplate=hover))
     x = axis("time since the start [s]", rangemode="tozero", nticks=6)
     y_axes = {unit: axis(f"rms error [{unit}]", rangemode="tozero", nticks=6) for _, unit in found}
     return [Plot(joint, data, {"xaxis": x, "yaxis": y_axes[unit]}, 210) for (joint, unit), data in found.items()]

@@ -174,10 +174,10 @@ def recorded_plots(
         _Drawn(recording, stretches, *recorded_lines(recording, most))
         for recording, stretches in zip(recordings[:MAX_DRAWN_RECORDINGS], used, strict=False)
     ]
-    longest = max(drawn, key=lambda one: max((b - a for a, b in one.stretches), default=0.0))
+    longest = max(drawn, key=lambda part: max((b - a for a, b in part.stretches), default=0.0))
     rows = _longest_stretch(longest)
     for joint, unit, frequencies in zip(joints, units, marks, strict=True):
-        having = [recording for recording in drawn if joint in recording.recording.joints]
+        having = [part for part in drawn if joint in part.recording.joints]
         if not having:
             continue
         plots = [_over_time(joint, _sequence(having, joint), *unit)]
@@ -202,19 +202,19 @@ def _longest_stretch(drawn: _Drawn) -> Samples | None:
 def _sequence(drawn: Sequence[_Drawn], joint: str) -> _Course:
     """Lines of one joint of recordings, one after another, with the rows that are omitted."""
     times, lines, omitted, now = [], [], list[tuple[float, float]](), 0.0
-    for one in drawn:
-        j, n = one.recording.joints.index(joint), len(one.recording.joints)
-        known = np.isfinite(one.t)
-        t, own = one.t[known], one.lines[known][:, [j, n + j, 2 * n + j]]
+    for part in drawn:
+        j, n = part.recording.joints.index(joint), len(part.recording.joints)
+        known = np.isfinite(part.t)
+        t, values = part.t[known], part.lines[known][:, [j, n + j, 2 * n + j]]
         first, last = float(t[0]), float(t[-1])
-        edges = [first, *(x for pair in one.stretches for x in pair), last]
+        edges = [first, *(x for pair in part.stretches for x in pair), last]
         gaps = [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b > a]
         breaks = [int(np.searchsorted(t, b)) for a, b in gaps if not np.any((t > a) & (t < b))]
-        t, own = np.insert(t, breaks, np.nan), np.insert(own, breaks, np.nan, axis=0)
+        t, values = np.insert(t, breaks, np.nan), np.insert(values, breaks, np.nan, axis=0)
         wide = MIN_VISIBLE_SHARE * (last - first) / 2
         omitted += [(a - first + now - wide, b - first + now + wide) for a, b in gaps]
         times += [t - first + now, np.array([np.nan])]
-        lines += [own, np.full((1, 3), np.nan)]
+        lines += [values, np.full((1, 3), np.nan)]
         now += last - first
     return _Course(np.concatenate(times), np.concatenate(lines), omitted)
 
