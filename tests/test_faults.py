@@ -20,7 +20,7 @@ from signid.faults import RecordingFaults, examine
 from signid.faults.distortions import Distortion, distortion_fault
 from signid.faults.evidence import gather, missing_laws
 from signid.model import Model, stated_inertials, stated_laws
-from signid.output.report.results.check.summaries import check_document
+from signid.output.report.results.check import check_document
 from signid.regression.motion import Motion
 from signid.regression.session import Options, prepare
 from signid.types import Array, Robot

@@ -15,7 +15,7 @@ from signid.check import check
 from signid.errors import RecordingError
 from signid.faults import RecordingFault
 from signid.faults.distortions import axis_words
-from signid.output.report.results.check.summaries import DESCRIPTION_FAULTS, check_document, check_summary
+from signid.output.report.results.check import DESCRIPTION_FAULTS, check_document, check_summary
 from signid.robot import load_robot
 from signid.types import Array, Robot
 

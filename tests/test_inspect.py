@@ -9,7 +9,7 @@ from rich.console import Console
 
 from signid.errors import RobotError
 from signid.inspect import inspect
-from signid.output.report.results.inspection import joint_table
+from signid.output.report.results.identification import joint_table
 from signid.robot import load_robot, names
 
 

@@ -16,8 +16,8 @@ from servo_results import invented
 
 import signid
 from signid.cli import run
-from signid.output.display.frames import FRAMES, frame_names
-from signid.output.display.text import TABLES
+from signid.output.display import TABLES
+from signid.output.frames import FRAMES, frame_names
 from signid.output.report.documents import WRITERS
 from signid.servo.validate import ServoValidatedModel, ServoValidation
 

@@ -20,8 +20,8 @@ import signid
 from signid.cli import run
 from signid.diagnose.data.locate import Location
 from signid.output.replay.marks import ReplayFinding, ReplayFindings, marks
+from signid.output.report.quantities import number_lines
 from signid.output.report.results.diagnosis import diagnosis_document
-from signid.output.report.results.laws import number_lines
 from signid.output.report.results.signs import signs_page
 from signid.recording import read_recording
 from signid.recording.sampling import survey, time_origin

@@ -23,8 +23,11 @@ from signid.identify import Identification
 from signid.output.report import Screen, figure, layout, probe_folder, to_json, with_interval, write_files
 from signid.output.report.documents import REPORTED, WRITERS
 from signid.output.report.layout import new_table
-from signid.output.report.results.identification import identification_document, identification_tables
-from signid.output.report.results.inspection import inspection_document
+from signid.output.report.results.identification import (
+    identification_document,
+    identification_tables,
+    inspection_document,
+)
 from signid.types import Input
 
 INPUTS = [Input("1r", "0" * 64, "description")]

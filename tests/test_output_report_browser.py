@@ -13,7 +13,7 @@ from test_output_report_diagnosis import made
 
 import signid
 from signid.faults.commands import audit_servos
-from signid.output.report.results.check.summaries import audit_page, check_page
+from signid.output.report.results.check import audit_page, check_page
 from signid.output.report.results.diagnosis import diagnosis_page
 from signid.output.report.results.identification import identification_page
 from signid.output.report.results.validation import validation_page

@@ -23,7 +23,7 @@ from signid.faults.distortions import KINDS as DISTORTIONS
 from signid.faults.examine import LIMITS
 from signid.faults.search import CLAIMS
 from signid.output.report.layout import share
-from signid.output.report.results.check.summaries import (
+from signid.output.report.results.check import (
     DESCRIPTION_FAULTS,
     SAMPLE_FAULTS,
     SEARCHED_FAULTS,
@@ -34,7 +34,7 @@ from signid.output.report.results.check.summaries import (
     check_page,
     check_summary,
 )
-from signid.output.report.results.check.summary import unit_sentences
+from signid.output.report.results.check_summary import unit_sentences
 from signid.recording import read_bare
 
 G, RATE = 9.81, 250.0

@@ -21,7 +21,7 @@ from signid.cli.fleet import run as run_module
 from signid.cli.fleet.run import DONE, Answer, Order, fleet
 from signid.output.replay import Replay
 from signid.output.report.layout import content_policy, plot_markup
-from signid.output.report.plots.frame import PLOTLY_FILE, TEMPLATES
+from signid.output.report.pages import PLOTLY_FILE, TEMPLATES
 from signid.output.report.results.fleet import fleet_page
 from signid.output.report.sections import Plot
 

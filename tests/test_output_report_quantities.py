@@ -14,9 +14,9 @@ from test_output_report import shown
 from test_output_report_diagnosis import made
 
 import signid
-from signid.output.report import documents, to_json
+from signid.output.report import documents, quantities, to_json
 from signid.output.report.quantities import Quantity, grid, parameters
-from signid.output.report.results import identification, laws
+from signid.output.report.results import identification
 from signid.servo.identify import ServoNumber
 
 VALUE, STD = 4.321, 0.05
@@ -38,9 +38,9 @@ def test_a_number_added_to_a_drive_is_in_all_outputs() -> None:
     assert_everywhere(replace(invented(), joints=(replace(first, numbers=numbers), *others)), "drives")
 
 
-@pytest.mark.parametrize(("module", "kind"), [(identification, "Identification"), (laws, "Diagnosis")])
+@pytest.mark.parametrize(("module", "kind"), [(identification, "Identification"), (quantities, "Diagnosis")])
 def test_a_number_added_to_a_law_is_in_all_outputs(module: Any, kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    robot, made_by = signid.load_robot("1r"), laws.law_numbers
+    robot, made_by = signid.load_robot("1r"), quantities.law_numbers
     result = made() if kind == "Diagnosis" else signid.identify(robot, [trial(robot, seconds=5.0).noisy()])
 
     def with_another(*given: Any) -> list[Quantity]:

@@ -14,7 +14,7 @@ from servo_results import invented
 import signid
 from signid.model import Model, load_model, with_servos
 from signid.output.report import to_json
-from signid.output.report.plots.courses import closed_loop_plots
+from signid.output.report.plots import closed_loop_plots
 from signid.output.report.results.servo_identification import servo_identification_document
 from signid.servos import PASSIVE_LAWS, Servo
 from signid.toml_json import SCHEMAS, check_schema

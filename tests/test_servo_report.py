@@ -15,8 +15,8 @@ import signid
 from signid.cli.terminal import show
 from signid.model import load_model, with_servos
 from signid.output.report import tables
-from signid.output.report.plots.courses import closed_loop_plots
-from signid.output.report.plots.frame import friction_plots, steady_friction
+from signid.output.report.pages import friction_plots, steady_friction
+from signid.output.report.plots import closed_loop_plots
 from signid.output.report.results.servo_identification import loop_words, poor_joints
 from signid.servo.identify import ServoIdentification, ServoJoint, ServoNumber
 from signid.servo.identify.flags import by_sentence

@@ -34,7 +34,7 @@ def effects(
     """
     from ...effects import DRIVE_EFFECTS, EFFECTS
     from ...output.report import to_json
-    from ...output.report.results.laws import effects_document, effects_tables
+    from ...output.report.quantities import effects_document, effects_tables
 
     chosen = [*EFFECTS, *DRIVE_EFFECTS] if name is None else [EFFECTS[name]]
     return show(to_json(effects_document(chosen)) if json else effects_tables(chosen))

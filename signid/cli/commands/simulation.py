@@ -99,7 +99,7 @@ def simulate(
     """
     from ...effects.naming import parse_law
     from ...model import Model, torque_model
-    from ...output.report.results.simulation import SimulationRun
+    from ...output.report.results.recordings import SimulationRun
     from ...servo.given import stated_servos
     from ...simulation.plant import Sensors, Torques, record, simulate as move
     from ..files import deliver

@@ -134,21 +134,21 @@ def law_units(robot: Robot, law: Law) -> dict[str, str]:
 
 
 WRITERS = {  # result type -> module below results/, and start of the names of its _document, _tables and _page
-    "Check": ("check.summaries", "check"),
+    "Check": ("check", "check"),
     "Conversion": ("recordings", "conversion"),
     "Diagnosis": ("diagnosis", "diagnosis"),
-    "Excitation": ("simulation", "excitation"),
+    "Excitation": ("recordings", "excitation"),
     "Identification": ("identification", "identification"),
-    "Inspection": ("inspection", "inspection"),
-    "Payload": ("payload", "payload"),
-    "Separation": ("simulation", "excitation"),
-    "ServoAudit": ("check.summaries", "audit"),
+    "Inspection": ("identification", "inspection"),
+    "Payload": ("identification", "payload"),
+    "Separation": ("recordings", "excitation"),
+    "ServoAudit": ("check", "audit"),
     "ServoDiagnosis": ("servo_diagnosis", "servo_diagnosis"),
     "ServoIdentification": ("servo_identification", "servo_identification"),
-    "ServoSimulation": ("simulation", "servo_simulation"),
+    "ServoSimulation": ("recordings", "servo_simulation"),
     "ServoValidation": ("validation", "servo_validation"),
-    "SimulationRun": ("simulation", "simulation"),
-    "UnusableRecordings": ("check.page", "unusable"),
+    "SimulationRun": ("recordings", "simulation"),
+    "UnusableRecordings": ("check_page", "unusable"),
     "Validation": ("validation", "validation"),
 }
 REPORTED = (

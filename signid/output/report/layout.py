@@ -98,7 +98,7 @@ class _Table(Table):
             taken = _width(console, column)
             if taken > room:
                 groups.append([])
-                room = options.max_width - sum(_width(console, one) for one in first)
+                room = options.max_width - sum(_width(console, head) for head in first)
             groups[-1].append(column)
             room -= taken
         groups = [group for group in groups if group]

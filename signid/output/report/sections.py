@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple, TypeAlias, Union
 
 from rich.console import RenderableType
@@ -61,9 +61,9 @@ class Bar(str):
     percent: float
 
     def __new__(cls, text: str, percent: float) -> Bar:
-        found = super().__new__(cls, text)
-        found.percent = percent
-        return found
+        bar = super().__new__(cls, text)
+        bar.percent = percent
+        return bar
 
 
 class Cells(NamedTuple):
@@ -156,15 +156,13 @@ class Section(NamedTuple):
 
 def terminal(sections: Iterable[Section], notes: Iterable[str]) -> list[RenderableType]:
     """Headings, tables and sentences of the sections that have any, and notes."""
-    shown = [line for section in sections if section.shown for line in _lines(section)]
+    shown: list[RenderableType] = []
+    for section in sections:
+        if section.title and section.shown:
+            shown.append(heading(section.title))
+        for block in section.shown:
+            if isinstance(block, Cells):
+                shown.append(new_table(*block.heads, rows=block.rows))
+            elif isinstance(block, Sentences | Plain):
+                shown += map(paragraph, block.said if isinstance(block, Sentences) else [block.plain])
     return [*shown, *note_lines(notes)]
-
-
-def _lines(section: Section) -> Iterator[RenderableType]:
-    if section.title:
-        yield heading(section.title)
-    for block in section.shown:
-        if isinstance(block, Cells):
-            yield new_table(*block.heads, rows=block.rows)
-        elif isinstance(block, Sentences | Plain):
-            yield from map(paragraph, block.said if isinstance(block, Sentences) else [block.plain])

@@ -15,10 +15,9 @@ from ....effects.naming import law_place
 from ....types import Input
 from ..documents import Document, description, fit_with_errors, opening, picked, provenance
 from ..layout import Worse, confidence, determination, figure, heading, log_odds, paragraph, plural, share
-from ..plots.courses import joint_plots, rollout_plots, worst
-from ..plots.frame import BLUE, ORANGE, Header, sections_page, shared
-from ..plots.heat import heat_maps, hottest
-from ..quantities import parameters
+from ..pages import BLUE, ORANGE, Header, sections_page, shared
+from ..plots import heat_maps, hottest, joint_plots, rollout_plots, worst
+from ..quantities import changed_link, finding_numbers, law_words, number_cells, parameters
 from ..sections import (
     Bar,
     Card,
@@ -30,14 +29,12 @@ from ..sections import (
     Laws,
     Legend,
     Plain,
-    Plot,
     Plots,
     Section,
     Sentences,
     terminal,
 )
 from . import sentences as words
-from .laws import changed_link, finding_numbers, law_words, number_cells
 from .sentences import finding_headline, named, sentence_case, subject
 from .signs import signs_document, signs_sections
 
@@ -88,7 +85,7 @@ def diagnosis_document(result: Diagnosis, inputs: Sequence[Input] = ()) -> Docum
             {"joint": robot.joints[x.joint], "depends_on": x.variable, **picked(x, "region share explained")}
             for x in result.located
         ],
-        "detectable": [one._asdict() for one in result.detectable],
+        "detectable": [law._asdict() for law in result.detectable],
         "fit": {"before": fit_with_errors(result.before), "after": fit_with_errors(result.after)},
         "rollout": None if before is None or after is None else after.document(before),
         "inertials": {"off": None if result.informed else result.prior_scale, "covariance": result.informed},
@@ -139,16 +136,16 @@ def _finding(result: Diagnosis, finding: Finding) -> Document:
 
 def _ordinary(result: Diagnosis) -> Iterator[Document]:
     """Friction, rotors and offsets that the description does not state: each law with its number at each joint."""
-    some = [finding for finding in result.findings if finding.ordinary]
-    for effect in dict.fromkeys(finding.law.effect for finding in some):
-        own = [finding for finding in some if finding.law.effect is effect]
-        each = [{x.name: x for x in finding_numbers(result.robot, finding)} for finding in own]
+    ordinary = [finding for finding in result.findings if finding.ordinary]
+    for effect in dict.fromkeys(finding.law.effect for finding in ordinary):
+        alike = [finding for finding in ordinary if finding.law.effect is effect]
+        laws = [{x.name: x for x in finding_numbers(result.robot, finding)} for finding in alike]
         yield {
             "effect": effect.name,
-            "joints": [law_place(finding.law, result.robot)[0] for finding in own],
+            "joints": [law_place(finding.law, result.robot)[0] for finding in alike],
             "parameters": {
-                key: {"unit": x.unit, **{y: [getattr(numbers[key], y) for numbers in each] for y in ("value", "std")}}
-                for key, x in each[0].items()
+                key: {"unit": x.unit, **{y: [getattr(numbers[key], y) for numbers in laws] for y in ("value", "std")}}
+                for key, x in laws[0].items()
             },
         }
 
@@ -181,8 +178,8 @@ def _findings(result: Diagnosis) -> Iterator[RenderableType]:
     if large:
         yield heading(titles["cause"])
         for cells in (words.finding_words(robot, finding) for finding in large[:MAX_CAUSES]):
-            own, of, joint = cells.torque.partition(" of ")
-            torque = f"{own} of the torque{of}{joint}"
+            part, of, joint = cells.torque.partition(" of ")
+            torque = f"{part} of the torque{of}{joint}"
             where = [f"mostly {cells.where}"] if cells.where else []
             yield paragraph(", ".join([cells.law, f"probability {cells.probability}", torque, *where]))
             yield from map(_indented, cells.numbers)
@@ -286,13 +283,16 @@ def diagnosis_page(result: Diagnosis, inputs: Sequence[Input] = (), command: str
 
 def _places(result: Diagnosis) -> list[Section]:
     """Where the residual is, in sentences and heat maps, for a page."""
-    every = words.place_words(result) if len(result.located) > MAX_PLACES else []
-    before, after, top = residual_maps(result)
-    said = (Sentences(words.place_words(result, MAX_PLACES)), Fold("All joints", every))
+    joints = words.place_words(result) if len(result.located) > MAX_PLACES else []
+    learned, floor = result.train, result.before.irreducible_rms
+    before, after = (left / floor for left in (learned.before, learned.after))
+    top = hottest(learned, before)
+    said = (Sentences(words.place_words(result, MAX_PLACES)), Fold("All joints", joints))
+    extended = heat_maps(learned, after, top) if result.findings else ()
     return [
         Section(RESIDUAL, said),
-        Section("Original simulation", (Plots(before),), level=3),
-        Section("Extended simulation", (Plots(after if result.findings else ()),), level=3),
+        Section("Original simulation", (Plots(heat_maps(learned, before, top)),), level=3),
+        Section("Extended simulation", (Plots(extended),), level=3),
         Section("", (Legend(HEAT_LEGEND), Key([("scale", f"1 to {figure(top, 2)} times")]))),
     ]
 
@@ -306,14 +306,6 @@ def _separating(result: Diagnosis) -> Iterator[Plain | Sentences | Fold]:
             law = sentence_case(subject(named(result.robot, finding.law, finding.std)))
             folded = [line for line in whole if line not in first]
             yield from (Plain(law), Sentences(first), Fold(f"{len(folded)} more for {law}", folded))
-
-
-def residual_maps(result: Diagnosis) -> tuple[list[Plot], list[Plot], float]:
-    """Heat maps of the residual before and after the extension, and the largest ratio of their colours [1]."""
-    learned, floor = result.train, result.before.irreducible_rms
-    before, after = (left / floor for left in (learned.before, learned.after))
-    top = hottest(learned, before)
-    return heat_maps(learned, before, top), heat_maps(learned, after, top), top
 
 
 def _cards(result: Diagnosis, j: int) -> Iterator[Card]:
@@ -338,49 +330,38 @@ def _law_cards(result: Diagnosis) -> Iterator[LawCard]:
     """A card per large finding; what a law is stands in its first card only."""
     described = set[str]()
     for finding in words.by_size(result)[0]:
-        card = _card(result, finding)
-        known = finding.law.effect.name in described
-        described.add(finding.law.effect.name)
-        yield card._replace(summary="", equation="", source="") if known else card
-
-
-def _card(result: Diagnosis, finding: Finding) -> LawCard:
-    """A cause with its law, its numbers, its evidence and its alternatives."""
-    effect, cells = finding.law.effect, words.finding_words(result.robot, finding)
-    numbers = number_cells(result.robot, finding)
-    if finding.stated:
-        table = Cells(("parameter", "in the simulation>", "recorded>", "± 95 %>", "unit"), numbers)
-    else:
+        effect, cells = finding.law.effect, words.finding_words(result.robot, finding)
+        numbers = number_cells(result.robot, finding)
         table = Cells(("parameter", "value>", "± 95 %>", "unit"), [(x.key, x.value, x.half, x.unit) for x in numbers])
-    rivals, sure = _rivals(result, finding), finding.probability >= MIN_CERTAIN_PROBABILITY
-    alone = "No alternative comes close" if sure else "No other law gives half of this torque"
-    where = f", mostly {cells.where}" if cells.where else ""
-    evidence = (
-        f"{cells.torque} of measured torque (rms){where}. "
-        f"{'' if finding.in_model else f'Not in the extended simulation: {finding.refused}'.removesuffix(': ') + '. '}"
-        f"Reduces the held-out sum of squares by {share(finding.held_out_gain)}. "
-        f"Log odds {log_odds(finding.statistic)} (threshold: {log_odds(finding.threshold)})."
-    )
-    return LawCard(
-        title=_title(result, finding),
-        probability=cells.probability,
-        sure=sure,
-        summary=" ".join((getdoc(type(effect)) or "").split()),
-        equation=effect.equation,
-        numbers=table,
-        evidence=evidence if len(rivals) > 1 else f"{evidence} {alone}.",
-        source=effect.source,
-        rivals=rivals if len(rivals) > 1 else [],
-    )
+        if finding.stated:
+            table = Cells(("parameter", "in the simulation>", "recorded>", "± 95 %>", "unit"), numbers)
+        near = [(x.law, x.probability) for x in finding.alternatives if x.probability >= words.MIN_SHOWN]
+        probable = [(finding.law, finding.probability), *sorted(near, key=lambda pair: -pair[1])[:MAX_DRAWN]]
+        rivals = [(law_words(result.robot, law), Bar(confidence(p), 100 * p)) for law, p in probable]
+        sure = finding.probability >= MIN_CERTAIN_PROBABILITY
+        alone = "No alternative comes close" if sure else "No other law gives half of this torque"
+        where = f", mostly {cells.where}" if cells.where else ""
+        absent = f"Not in the extended simulation: {finding.refused}".removesuffix(": ")
+        evidence = (
+            f"{cells.torque} of measured torque (rms){where}. {'' if finding.in_model else f'{absent}. '}"
+            f"Reduces the held-out sum of squares by {share(finding.held_out_gain)}. "
+            f"Log odds {log_odds(finding.statistic)} (threshold: {log_odds(finding.threshold)})."
+        )
+        first = effect.name not in described
+        described.add(effect.name)
+        yield LawCard(
+            title=_title(result, finding),
+            probability=cells.probability,
+            sure=sure,
+            summary=" ".join((getdoc(type(effect)) or "").split()) if first else "",
+            equation=effect.equation if first else "",
+            numbers=table,
+            evidence=evidence if len(rivals) > 1 else f"{evidence} {alone}.",
+            source=effect.source if first else "",
+            rivals=rivals if len(rivals) > 1 else [],
+        )
 
 
 def _title(result: Diagnosis, finding: Finding) -> str:
     """A finding in words, with its main number."""
     return sentence_case(finding_headline(named(result.robot, finding.law, finding.std, finding.stated)))
-
-
-def _rivals(result: Diagnosis, finding: Finding) -> list[tuple[str, Bar]]:
-    """A finding and its most probable alternatives, with their probabilities."""
-    rivals = [(rival.law, rival.probability) for rival in finding.alternatives if rival.probability >= words.MIN_SHOWN]
-    first = [(finding.law, finding.probability), *sorted(rivals, key=lambda pair: -pair[1])[:MAX_DRAWN]]
-    return [(law_words(result.robot, law), Bar(confidence(p), 100 * p)) for law, p in first]

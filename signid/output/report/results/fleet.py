@@ -11,7 +11,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from ..layout import confidence, figure, heading, new_table, paragraph, plural, share
-from ..plots.frame import render
+from ..pages import render
 from ..sections import Card
 from .sentences import listed, quantity
 
@@ -27,7 +27,7 @@ def fleet_headline(document: Mapping[str, Any], reused: int = 0) -> str:
     """Name the robots that changed or are outliers, with one number each; without any, count the fleet."""
     found: dict[str, str] = {}
     outliers = findings(document, "outliers")
-    apart = {(one["name"], one["number"]): f" ({_others(one)})" for one in outliers}
+    apart = {(outlier["name"], outlier["number"]): f" ({_others(outlier)})" for outlier in outliers}
     for change in findings(document, "changes"):
         words = change_sentence(change, headline=True)
         found.setdefault(change["name"], words + apart.get((change["name"], change["number"]), ""))
@@ -45,7 +45,7 @@ def fleet_sentence(document: Mapping[str, Any], reused: int = 0) -> str:
     parts = []
     if any(robot["verdict"] for robot in robots):
         parts.append(f"{plural(differ, 'robot')} {'differs' if differ == 1 else 'differ'} from the simulation")
-    changed, apart = (len({one["name"] for one in findings(document, key)}) for key in ("changes", "outliers"))
+    changed, apart = (len({x["name"] for x in findings(document, key)}) for key in ("changes", "outliers"))
     parts += [f"{plural(changed, 'robot')} changed between sessions"] if changed else []
     parts += [f"{plural(apart, 'robot')} {'is an outlier' if apart == 1 else 'are outliers'}"] if apart else []
     parts += [f"{plural(undone, 'session')} failed"] if undone else []
@@ -56,13 +56,13 @@ def fleet_sentence(document: Mapping[str, Any], reused: int = 0) -> str:
 
 def findings(document: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
     """Changes or outliers of a fleet that are findings, the most probable first."""
-    return [one for one in document.get(key, ()) if one["finding"]]
+    return [entry for entry in document.get(key, ()) if entry["finding"]]
 
 
 def change_sentence(change: Mapping[str, Any], headline: bool = False) -> str:
     """A change between sessions of a robot; in a `headline` without times and probability."""
     before, after = (change[key] for key in ("before", "after"))
-    values = (quantity(one["value"], one["std"], change["unit"]) for one in (before, after))
+    values = (quantity(number["value"], number["std"], change["unit"]) for number in (before, after))
     times = f" ({before['time'] or before['sessions'][-1]})", f" ({after['time'] or after['session']})"
     dated = map(str.__add__, values, ("", "") if headline else times)
     words = f"{change['name']}: {change['title']} changed from {' to '.join(dated)}"
@@ -72,8 +72,8 @@ def change_sentence(change: Mapping[str, Any], headline: bool = False) -> str:
 
 def outlier_sentence(outlier: Mapping[str, Any], headline: bool = False) -> str:
     """A robot that differs from the others of its kind; in a `headline` without their range and the probability."""
-    own = quantity(outlier["value"], outlier["std"], outlier["unit"])
-    words = f"{outlier['name']}: {outlier['title']} is {own}, {_others(outlier)}"
+    value = quantity(outlier["value"], outlier["std"], outlier["unit"])
+    words = f"{outlier['name']}: {outlier['title']} is {value}, {_others(outlier)}"
     ends = " to ".join(dict.fromkeys(figure(outlier["others"][key]) for key in ("least", "most")))
     return words if headline else f"{words} ({ends}); probability {confidence(outlier['probability'])}"
 
@@ -89,7 +89,11 @@ def fleet_tables(document: Mapping[str, Any], reused: int = 0) -> list[Renderabl
     shown = [paragraph(text) for text in dict.fromkeys((headline, sentence))]
     for key, title in TITLED:
         if found := findings(document, key):
-            shown += [heading(title), *(paragraph(one["sentence"]) for one in found[:MAX_CELLS]), *_more(len(found))]
+            shown += [
+                heading(title),
+                *(paragraph(x["sentence"]) for x in found[:MAX_CELLS]),
+                *_more(len(found)),
+            ]
     table = new_table("robot", "mismatch>", "joint", "after>", "explained>", "lacks")
     for robot in robots[:MAX_CELLS]:
         mismatch, *after = mismatch_cells(robot)
@@ -123,31 +127,26 @@ def fleet_page(document: Mapping[str, Any], command: str = "", reused: int = 0) 
     headline, sentence = fleet_headline(document, reused), fleet_sentence(document, reused)
     sessions = {session["session"]: session for session in document["sessions"]}
     flagged = sum(session["state"] == FLAGGED_STATE for session in sessions.values())
+    done = sum(session["state"] != UNDONE_STATE for session in document["sessions"])
+    cards = [Card("sessions completed", f"{done} of {len(document['sessions'])}", "each with its own report")]
+    if document["robots"] and (first := document["robots"][0])["mismatch"] is not None:
+        beside = f"{first['name']}, {first['joint']}: held-out rms over the noise floor"
+        cards.insert(0, Card("largest mismatch", f"{figure(first['mismatch'])} times", beside))
     return render(
         "fleet.html",
         title=headline,
         over="fleet of robots" if headline == sentence else f"fleet: {sentence}",
-        cards=list(_cards(document)),
-        undone=[(one["session"], one["said"]) for one in document["sessions"] if one["state"] == UNDONE_STATE],
+        cards=cards,
+        undone=[(key, x["said"]) for key, x in sessions.items() if x["state"] == UNDONE_STATE],
         flagged=plural(flagged, "session") if flagged else "",
         rows=list(_rows(document, sessions)),
         kinds=len({robot["kind"] for robot in document["robots"] if robot["kind"]}) > 1,
-        found=[(title, [one["sentence"] for one in findings(document, key)[:MAX_LISTED]]) for key, title in TITLED],
+        found=[(title, [x["sentence"] for x in findings(document, key)[:MAX_LISTED]]) for key, title in TITLED],
         compared=document.get("comparison"),
-        sessions=[(one, _link(one)) for one in document["sessions"]],
+        sessions=[(session, _link(session)) for session in document["sessions"]],
         document=document,
         command=command,
     )
-
-
-def _cards(document: Mapping[str, Any]) -> Iterator[Card]:
-    robots = document["robots"]
-    if robots and robots[0]["mismatch"] is not None:
-        first = robots[0]
-        beside = f"{first['name']}, {first['joint']}: held-out rms over the noise floor"
-        yield Card("largest mismatch", f"{figure(first['mismatch'])} times", beside)
-    done = sum(session["state"] != UNDONE_STATE for session in document["sessions"])
-    yield Card("sessions completed", f"{done} of {len(document['sessions'])}", "each with its own report")
 
 
 def _rows(document: Mapping[str, Any], sessions: Mapping[str, Any]) -> Iterator[dict[str, Any]]:

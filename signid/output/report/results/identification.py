@@ -1,11 +1,11 @@
-"""Identification of a robot: JSON document, terminal tables and page; parameters and sentences."""
+"""Identification and inspection of a robot, and payload of its last link: JSON documents, terminal tables and page."""
 
 from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import RenderableType
@@ -13,22 +13,45 @@ from rich.console import RenderableType
 from ....effects.base import Effect
 from ....estimation.excitation import MIN_INFO
 from ....model import standard_parameters, stated_inertials
-from ....types import TWO_SIDED, Array, BaseMap, Input, Law, pseudo_inertia
-from ..documents import Document, description, ending, excitation_verdict, fit_document, opening, recorded, rms
-from ..layout import determination, figure, heading, plural, share, torque_units, with_interval
-from ..plots.courses import held_out_rows, joint_plots, worst
-from ..plots.frame import Header, sections_page, shared
-from ..plots.heat import correlation_plot, excitation_plot, tied
-from ..quantities import Quantity, effect_document, grid, law_numbers, spaced
+from ....types import INERTIAL, TWO_SIDED, Array, BaseMap, Input, Law, Robot, pseudo_inertia
+from ..documents import (
+    Document,
+    description,
+    ending,
+    excitation_verdict,
+    fit_document,
+    opening,
+    picked,
+    provenance,
+    recorded,
+    rms,
+)
+from ..layout import (
+    determination,
+    figure,
+    heading,
+    name_cell,
+    new_table,
+    note_lines,
+    paragraph,
+    plural,
+    position_units,
+    share,
+    torque_units,
+    with_interval,
+)
+from ..pages import Header, sections_page, shared
+from ..plots import correlation_plot, excitation_plot, held_out_rows, joint_plots, tied, worst
+from ..quantities import Quantity, effect_document, grid, law_document, law_numbers, spaced
 from ..sections import Bar, Card, Cells, Folds, Key, Legend, Plain, Plots, Section, Sentences, terminal
-from .laws import law_document
 from .signs import drawn_signs, signs_document, signs_sections
 
 if TYPE_CHECKING:
     from ....estimation.excitation import ExcitationVerdict
     from ....estimation.fit_quality import Fit
     from ....identify import Identification
-    from ....simulation.refine import Refinement
+    from ....inspect import Inspection
+    from ....payload import Payload
 
 COEFFICIENT_STEP = 1e-6  # [1] step of finite differences over the coefficients of a law
 MAX_NUMBER_COLUMNS = 4  # maximum number of columns of law parameters
@@ -46,6 +69,7 @@ CONSISTENT = (
     "Only combinations are identifiable; the remaining degrees of freedom come from the description. A body is "
     "physically consistent if no eigenvalue is negative (Wensing, Kim, Slotine, IEEE RA-L 3(1), 2018)."
 )
+HEADS = ("joint", "#>", "type", "carries link", "lower>", "upper>", "velocity>", "effort>", "unit")
 
 
 def identified_numbers(result: Identification) -> list[list[Quantity]]:
@@ -55,9 +79,17 @@ def identified_numbers(result: Identification) -> list[list[Quantity]]:
         if label.law is not None:
             places[label.law].append(k)
     found = [(x, _deviations(result, x, [singles.get(k) for k in places[i]])) for i, x in enumerate(result.model.laws)]
-    own = [(law, dict(zip(law.effect.linear(), std, strict=True))) for law, std in result.currents]
-    currents = [[x._replace(unit=_in_amperes(x.unit)) for x in law_numbers(result.robot, *pair)] for pair in own]
-    return [*(law_numbers(result.robot, *pair) for pair in found), *currents]
+    numbers = [law_numbers(result.robot, *pair) for pair in found]
+    for law, std in result.currents:  # in the current of a joint without a torque constant
+        known = dict(zip(law.effect.linear(), std, strict=True))
+        in_amperes = {"kg.m2": "A.s2/rad"}
+        numbers.append(
+            [
+                x._replace(unit=in_amperes.get(x.unit) or x.unit.replace("N.m", "A").replace("N", "A"))
+                for x in law_numbers(result.robot, law, known)
+            ]
+        )
+    return numbers
 
 
 def whole_numbers(result: Identification) -> list[Quantity]:
@@ -67,22 +99,10 @@ def whole_numbers(result: Identification) -> list[Quantity]:
     return [Quantity("moved", float(result.moved), None, "1", words=consistent_words(result), card=card)]
 
 
-def _in_amperes(unit: str) -> str:
-    """Unit of a number of a law in the current of a joint without a torque constant."""
-    return "A.s2/rad" if unit == "kg.m2" else unit.replace("N.m", "A").replace("N", "A")
-
-
 def _alone(base: BaseMap) -> dict[int, int]:
     """Individually identifiable standard parameters: index of each -> index of its base parameter."""
     terms = np.count_nonzero(base.combination, axis=1)
     return {int(lead): row for row, lead in enumerate(base.independent) if terms[row] == 1}
-
-
-def _rigid_rows(base: BaseMap) -> list[int]:
-    """Base parameters other than a single coefficient of a law."""
-    singles = _alone(base)
-    laws = {singles[k] for k, label in enumerate(base.labels) if label.law is not None and k in singles}
-    return [row for row in range(base.rank) if row not in laws]
 
 
 def _deviations(result: Identification, law: Law, rows: Sequence[int | None]) -> dict[str, float]:
@@ -109,7 +129,20 @@ def base_documents(base: BaseMap) -> list[Document]:
 
 def identification_document(result: Identification, inputs: Sequence[Input] = ()) -> Document:
     """Build the content of identification.json; `inputs` besides the recordings default to the robot description."""
-    robot, values = result.robot, zip(result.base_value, result.estimate.std, result.estimate.value, strict=True)
+    robot, refinement = result.robot, Document()
+    values = zip(result.base_value, result.estimate.std, result.estimate.value, strict=True)
+    if (refined := result.refinement) is not None:
+        refinement = {
+            "kept": refined.kept,
+            "windows": list(refined.lengths),
+            "before": [float(x) for x in refined.before],
+            "after": [float(x) for x in refined.after],
+            "unit": list(refined.unit),
+            "effects": [
+                {**law_document(robot, law), "parameters": {x.name: x.value for x in law_numbers(robot, law, {})}}
+                for law in result.best.laws
+            ],
+        }
     return {
         **opening("signid.identification/1", robot),
         "base_parameters": [
@@ -119,12 +152,12 @@ def identification_document(result: Identification, inputs: Sequence[Input] = ()
         "standard_parameters": standard_parameters(robot, result.parameters.bodies()),
         "physically_consistent": result.physically_consistent,
         **{x.name: x.value if x.known else None for x in whole_numbers(result)},
-        "effects": [effect_document(some[0].law, some[0].joint, some) for some in identified_numbers(result)],
+        "effects": [effect_document(law[0].law, law[0].joint, law) for law in identified_numbers(result)],
         "signs": None if result.signs is None else signs_document(result.signs),
         "fit": {**fit_document(result.fit), "refit": result.fit.refit},
         "lacks": [{key: x for key, x in list(vars(lack).items())[:4]} for lack in result.lacks],
-        "varies": [one._asdict() for one in result.varies],
-        **({} if result.refinement is None else {"refinement": _refinement(result, result.refinement)}),
+        "varies": [law._asdict() for law in result.varies],
+        **({"refinement": refinement} if refinement else {}),
         "excitation": excitation_verdict(result.excitation),
         "method": result.method,
         "estimator": result.estimate.method,
@@ -137,9 +170,12 @@ def identification_document(result: Identification, inputs: Sequence[Input] = ()
 def identification_tables(result: Identification) -> list[RenderableType]:
     """Base parameters and laws with their intervals, fit, excitation and physical consistency."""
     base, heads = result.base, ("joint", "training>", "held out>", "noise floor>", "unit", "R2 held out>")
-    rows = [
+    singles = _alone(base)
+    laws = {singles[k] for k, label in enumerate(base.labels) if label.law is not None and k in singles}
+    rows = [  # single coefficients of laws are in the table of laws
         (base.expressions[k], *with_interval(result.base_value[k], result.estimate.std[k]), base.units[k])
-        for k in _rigid_rows(base)
+        for k in range(base.rank)
+        if k not in laws
     ]
     sentences = (
         excited_words(result.excitation),
@@ -148,11 +184,16 @@ def identification_tables(result: Identification) -> list[RenderableType]:
     )
     sections = [
         Section("", (Cells(("base parameter", "value>", "± (95 %)>", "unit"), rows),)),
-        _laws([number for numbers in identified_numbers(result) for number in numbers]),
+        _laws([number for law in identified_numbers(result) for number in law]),
         *([] if result.signs is None else signs_sections(result.signs)),
         Section("Fit: rms of the residual torque", (Cells(heads, list(fit_rows(result.fit))), Sentences(sentences))),
-        _refined(result),
     ]
+    if (refinement := result.refinement) is not None and (model := result.refined) is not None:
+        numbers = [n for law in model.laws for n in law_numbers(model.robot, law, {})]
+        refined = [(n.place, spaced(n.law), n.name, n.text, n.unit) for n in numbers]
+        table = Cells(("joint", "law", "parameter", "value>", "unit"), refined)
+        said = Plain(f"{refinement.sentence}.".capitalize())
+        sections.append(Section("Refined by roll-outs: laws of model.json", (table, said)))
     counted = f"{plural(base.rank, 'base parameter')}, {plural(len(result.robot.joints), 'joint')}"
     return [heading(f"{result.robot.name}: {counted}", below=False), *terminal(sections, result.notes)]
 
@@ -208,35 +249,6 @@ def cutoff_words(torque: float, position: float) -> str:
     return f"Cut-off {figure(torque)} Hz for torque and {figure(position)} Hz for positions (set with --cutoff)"
 
 
-def _refinement(result: Identification, found: Refinement) -> Document:
-    """Build the block `refinement` of identification.json."""
-    return {
-        "kept": found.kept,
-        "windows": list(found.lengths),
-        "before": [float(x) for x in found.before],
-        "after": [float(x) for x in found.after],
-        "unit": list(found.unit),
-        "effects": [
-            {
-                **law_document(result.robot, law),
-                "parameters": {x.name: x.value for x in law_numbers(result.robot, law, {})},
-            }
-            for law in result.best.laws
-        ],
-    }
-
-
-def _refined(result: Identification) -> Section:
-    """Numbers of the laws in model.json, if roll-outs refined them."""
-    found, model = result.refinement, result.refined
-    if found is None or model is None:
-        return Section("", ())
-    numbers = [n for law in model.laws for n in law_numbers(model.robot, law, {})]
-    rows = [(n.place, spaced(n.law), n.name, n.text, n.unit) for n in numbers]
-    table = Cells(("joint", "law", "parameter", "value>", "unit"), rows)
-    return Section("Refined by roll-outs: laws of model.json", (table, Plain(f"{found.sentence}.".capitalize())))
-
-
 def identification_page(result: Identification, inputs: Sequence[Input] = (), command: str = "") -> str:
     """Render report.html of an identification; `inputs` besides the recordings default to the description."""
     name, base, order = result.robot.name, result.base, worst(result.fit)
@@ -262,7 +274,7 @@ def identification_page(result: Identification, inputs: Sequence[Input] = (), co
                 Sentences(pairs),
             ),
         ),
-        Section("Bodies", (Plain(consistent_words(result)), Cells(BODIES, list(_links(result))), Legend(CONSISTENT))),
+        Section("Bodies", (Plain(consistent_words(result)), Cells(BODIES, _links(result)), Legend(CONSISTENT))),
         Section("Excitation", (Plain(excited_words(result.excitation)), Plots([excitation_plot(result.excitation)]))),
         Section("Method", (Legend(method),)),
     ]
@@ -310,16 +322,149 @@ def _bounds(result: Identification) -> Iterator[tuple[str, ...]]:
         yield str(number), name, *with_interval(value, std), unit, bar
 
 
-def _links(result: Identification) -> Iterator[tuple[str, ...]]:
+def _links(result: Identification) -> list[tuple[str, ...]]:
     """Described and identified mass and centre of mass, and smallest eigenvalue of the pseudo-inertia, per link."""
+    rows = []
     columns = (result.robot.links, stated_inertials(result.robot), result.parameters.bodies())
-    for link, stated, found in zip(*columns, strict=True):
-        least = float(np.linalg.eigvalsh(pseudo_inertia(found))[0])
-        centres = (_centre(inertial) for inertial in (stated, found))
-        yield link, figure(float(stated[0])), figure(float(found[0])), *centres, figure(least, 2)
+    for link, stated, identified in zip(*columns, strict=True):
+        masses, centres = [float(body[0]) for body in (stated, identified)], []
+        for mass, body in zip(masses, (stated, identified), strict=True):  # less than a nanometre is rounding error
+            in_mm = [round(1e3 * float(moment) / mass, 6) for moment in body[1:4]] if mass else []
+            centres.append(", ".join(map(figure, in_mm)) or "-")
+        least = float(np.linalg.eigvalsh(pseudo_inertia(identified))[0])
+        rows.append((link, *map(figure, masses), *centres, figure(least, 2)))
+    return rows
 
 
-def _centre(inertial: Array) -> str:
-    """Format a centre of mass [mm]; less than a nanometre is rounding error."""
-    mass = float(inertial[0])
-    return ", ".join(figure(round(1e3 * float(x) / mass, 6)) for x in inertial[1:4]) if mass else "-"
+def inspection_document(found: Inspection, inputs: Sequence[Input] = (), seed: int = 0) -> Document:
+    """Build the output of `signid inspect --json`; `inputs` defaults to the robot description."""
+    robot = found.robot
+    return {
+        "schema": "signid.inspection/1",
+        "robot": robot.name,
+        "joints": joint_documents(robot),
+        "links": list(robot.links),
+        "base_parameters": base_documents(found.base),
+        **picked(found, "invisible combined"),
+        "suspect": [suspect._asdict() for suspect in found.suspect],
+        "flags": list(found.flags),
+        "notes": list(robot.notes),
+        **provenance((), inputs or [description(robot)], seed),
+    }
+
+
+def inspection_tables(found: Inspection) -> list[RenderableType]:
+    """Joints, links, base parameters as formulas, and unidentifiable parameters."""
+    robot, base = found.robot, found.base
+    formulas = new_table("base parameter", "unit", rows=zip(base.expressions, base.units, strict=True))
+    bodies: dict[int | None, list[str]] = {}
+    for label in base.invisible:
+        bodies.setdefault(label.body, []).append(label.name)
+    hidden = new_table("link", "standard parameters")
+    for body, names in bodies.items():
+        hidden.add_row("(actuators)" if body is None else f"{body + 1}  {robot.links[body]}", ", ".join(names))
+    size = f"{plural(len(robot.joints), 'joint')}, {plural(len(robot.links), 'moving link')}"
+    counted = f"{base.rank} base parameters, combinations of {len(base.labels)} standard parameters"
+    return [
+        heading(f"{robot.name}: {size}", below=False),
+        *joint_table(robot),
+        heading(f"{counted} (indices: moving links)"),
+        formulas,
+        *([heading("Unidentifiable from any motion"), hidden] if base.invisible else []),
+        paragraph(f"{plural(len(found.combined), 'standard parameter')}: identifiable only in combination."),
+        *note_lines(robot.notes),
+    ]
+
+
+def joint_table(robot: Robot) -> list[RenderableType]:
+    """Joints with their limits; a type or unit that all joints have stands once, below the table."""
+    joints = joint_documents(robot)
+    equal = {key: joints[0][key] for key in ("type", "unit") if len({joint[key] for joint in joints}) == 1}
+    common = ["type", "unit"] if len(equal) == 2 and len(joints) > 1 else []
+    table = new_table(*(head for head in HEADS if head not in common))
+    for joint in joints:
+        name, number, kind, link, *limits, unit = joint.values()
+        cells = dict(zip(HEADS, (name, str(number), kind, name_cell(link), *map(figure, limits), unit), strict=True))
+        table.add_row(*(cell for head, cell in cells.items() if head not in common))
+    effort = "N" if equal.get("type") == "prismatic" else "N.m"
+    said = f"All joints are {equal.get('type')}: limits in {equal.get('unit')}, {equal.get('unit')}/s and {effort}."
+    return [table, *([paragraph(said)] if common else [])]
+
+
+def joint_documents(robot: Robot) -> list[Document]:
+    """Actuated joints; limits in `unit`, `unit`/s and N.m or N, infinite if not stated."""
+    bounded = np.isfinite(robot.upper - robot.lower)
+    return [
+        {
+            "name": name,
+            "number": robot.numbers[j],
+            "type": "prismatic" if robot.prismatic[j] else "revolute" if bounded[j] else "continuous",
+            "link": _link(robot, j),
+            "lower": float(robot.lower[j]),
+            "upper": float(robot.upper[j]),
+            "velocity_limit": float(robot.velocity_limit[j]),
+            "effort_limit": float(robot.effort_limit[j]),
+            "unit": unit,
+        }
+        for j, (name, unit) in enumerate(zip(robot.joints, position_units(robot), strict=True))
+    ]
+
+
+def _link(robot: Robot, j: int) -> str:
+    """Name of the link that the joint moves; a joint's own link precedes links of mimic joints."""
+    rows = np.flatnonzero(robot.drive[:, j])
+    bodies = zip(list(robot.model.names)[1:], list(robot.model.joints)[1:], robot.links, strict=True)
+    moved = [
+        (name != robot.joints[j], link)
+        for name, joint, link in bodies
+        if np.any((rows >= joint.idx_v) & (rows < joint.idx_v + joint.nv))
+    ]
+    return min(moved, key=lambda entry: entry[0])[1] if moved else ""
+
+
+def payload_document(found: Payload, inputs: Sequence[Input] = ()) -> Document:
+    """Build the output of `signid payload --json`; `inputs` besides the recordings default to the description."""
+    parts: dict[str, Any] = {}
+    if found.found:
+        parts = {"mass": (found.mass, "kg"), "centre": (found.centre, "m"), "inertia": (found.inertia, "kg.m^2")}
+    effect = {"effect": found.law.effect.name, "parameters": dict(found.law.parameters)} if found.found else None
+    moments = [{"t": m.t, "std": m.std, "unit": "s", "picked_up": m.picked_up} for m in found.moments]
+    return {
+        "schema": "signid.payload/1",
+        "robot": found.robot.name,
+        "link": found.link,
+        "found": found.found,
+        **{key: {"value": value, "std": std, "unit": unit} for key, ((value, std), unit) in parts.items()},
+        "effect": effect,
+        "moments": moments,
+        "physically_consistent": found.found,
+        **picked(found, "moved misfit"),
+        "cutoff": {"torque": found.cutoff, "unit": "Hz"},
+        **ending(found, found.inputs, inputs or [description(found.robot)], found.seed),
+    }
+
+
+def payload_numbers(found: Payload) -> list[Quantity]:
+    """Numbers of the load and its moments, from which tables and frames follow."""
+    centre = zip((f"centre_{axis}" for axis in "xyz"), *found.centre, ["m"] * 3, strict=True)
+    load = [("mass", *found.mass, "kg"), *centre, *zip(INERTIAL[4:], *found.inertia, ["kg.m2"] * 6, strict=True)]
+    moments = [("picked_up" if x.picked_up else "put_down", x.t, x.std, "s") for x in found.moments]
+    numbers = [*(load if found.found else []), *moments]
+    return [Quantity(name, float(value), float(std), unit) for name, value, std, unit in numbers]
+
+
+def payload_tables(found: Payload) -> list[RenderableType]:
+    """Mass, centre of mass and inertia with their intervals; moments, or the notes alone without a load."""
+    head = heading(f"{found.robot.name}: payload of {found.link}, in its joint frame", below=False)
+    if not found.found:
+        return [head, paragraph("No load was found."), *note_lines(found.notes)]
+    rows = []
+    for x in payload_numbers(found):
+        title = spaced(x.name).replace("centre", "centre of mass") + (
+            " at" if x.name in ("picked_up", "put_down") else ""
+        )
+        rows.append((f"{x.name} about its centre" if x.name in INERTIAL else title, *x.interval("-"), x.unit))
+    change = f"this changed the difference of base parameters by at most {found.moved:.1f} standard deviations"
+    sentence = f"The inertia is physically consistent; {change}. Cut-off {found.cutoff:.3g} Hz."
+    section = Section("", (Cells(("payload", "value>", "± (95 %)>", "unit"), rows), Plain(sentence)))
+    return [head, *terminal([section], found.notes)]

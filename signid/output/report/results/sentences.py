@@ -12,8 +12,7 @@ from ....effects.naming import law_place
 from ....errors import shorten
 from ....types import TWO_SIDED, Coefficient, Effect, Law, Robot, Shape
 from ..layout import UNKNOWN_TEXT, confidence, figure, plural, share
-from ..quantities import Quantity, law_numbers, spaced
-from .laws import changed_link, law_words, number_lines
+from ..quantities import Quantity, changed_link, law_numbers, law_words, number_lines, spaced
 
 if TYPE_CHECKING:
     from ....diagnose import Diagnosis, Finding
@@ -121,9 +120,9 @@ def _template(finding: Named) -> str:
     if not words:
         at = "" if effect.scope == "tip" else " of {joint}" + (" and {partner}" if finding.partner else "")
         words = effect.name.replace("_", " ") + at + (" (link {link})" if finding.link else "")
-        if (found := main_number(finding)) is not None:
+        if (number := main_number(finding)) is not None:
             several = sum(isinstance(kind, Coefficient) for kind in effect.parameters.values()) > 1
-            words += f": {spaced(found.name) + ' ' if several else ''}{{{found.name}}}"
+            words += f": {spaced(number.name) + ' ' if several else ''}{{{number.name}}}"
     return words if finding.joint else words.replace(" of {joint}", "")
 
 
@@ -148,10 +147,10 @@ def grouped(findings: Sequence[Named], joints: int) -> Iterator[tuple[str, int]]
         return
     groups: dict[str, list[Named]] = {}
     for finding in findings:
-        alike = ": " in _template(finding) and finding.joint is not None and finding.partner is None
-        groups.setdefault(finding.effect.name if alike else finding_headline(finding), []).append(finding)
-    for some in groups.values():
-        yield (finding_headline(some[0]) if len(some) == 1 else _together(some, joints)), len(some)
+        joined = ": " in _template(finding) and finding.joint is not None and finding.partner is None
+        groups.setdefault(finding.effect.name if joined else finding_headline(finding), []).append(finding)
+    for alike in groups.values():
+        yield (finding_headline(alike[0]) if len(alike) == 1 else _together(alike, joints)), len(alike)
 
 
 def _together(findings: Sequence[Named], joints: int) -> str:
@@ -161,10 +160,10 @@ def _together(findings: Sequence[Named], joints: int) -> str:
     where = where if len(places) <= MAX_HEADLINE_CAUSES and len(where) <= MAX_JOINED_LENGTH else f"{len(places)} joints"
     where = "all joints" if len(places) == joints else where
     words = _template(findings[0]).partition(": ")[0].replace("{joint}", where).replace(" (link {link})", "")
-    found = [number for finding in findings if (number := main_number(finding)) is not None]
-    units = list(dict.fromkeys(number.unit for number in found))
-    values = [number.value for number in found if isfinite(number.value)]
-    if len({number.name for number in found}) != 1 or len(units) != 1 or not values:
+    numbers = [number for finding in findings if (number := main_number(finding)) is not None]
+    units = list(dict.fromkeys(number.unit for number in numbers))
+    values = [number.value for number in numbers if isfinite(number.value)]
+    if len({number.name for number in numbers}) != 1 or len(units) != 1 or not values:
         return words
     least, most = (quantity(value, None, units[0]) for value in (min(values), max(values)))
     both = "" if least == most else f"{least.rpartition(' ')[0]} to "
@@ -188,26 +187,23 @@ def causes_words(causes: Sequence[Named], explained: bool, joints: int, left: Se
         left: unexplained shares [1] of the torque of joints on which the causes hardly act.
     """
     if causes and left:
-        return f"{causes_words(causes, True, joints)}; and {_left_words(left)}"
+        least, most = share(min(left)), share(max(left))
+        stay, their = ("stays", "its") if len(left) == 1 else ("stay", "their")
+        between = least if least == most else f"{least.removesuffix(' %')} to {most}"
+        rest = f"{plural(len(left), 'joint')} {stay} unexplained, {between} of {their} torque"
+        return f"{causes_words(causes, True, joints)}; and {rest}"
     unexplained = "the simulation lacks physics that no law explains"
     if not explained and not causes:
         return unexplained
     if not explained:
         leave, explain = ("leave", "they explain") if len(causes) > 1 else ("leaves", "it explains")
-        words = [(_bracketed(text), count) for text, count in grouped(causes, joints)]
+        parts = ((text.partition(": "), count) for text, count in grouped(causes, joints))
+        words = [(f"{head} ({number})" if colon else head, count) for (head, colon, number), count in parts]
         return f"{listed(words, len(causes))} {leave} more torque unexplained than {explain}; {unexplained}"
     missing, wrong = ([cause for cause in causes if bool(cause.stated) == stated] for stated in (False, True))
     lacking, beside = list(grouped(missing, joints)), list(_wrong(wrong, joints))
     lead = "the simulation lacks " if missing else ""
     return lead + listed([*lacking, *beside], len(causes))
-
-
-def _left_words(left: Sequence[float]) -> str:
-    """Number of joints that stay unexplained, and the range of their shares."""
-    least, most = share(min(left)), share(max(left))
-    stay, their = ("stays", "its") if len(left) == 1 else ("stay", "their")
-    between = least if least == most else f"{least.removesuffix(' %')} to {most}"
-    return f"{plural(len(left), 'joint')} {stay} unexplained, {between} of {their} torque"
 
 
 def _wrong(findings: Sequence[Named], joints: int) -> Iterator[tuple[str, int]]:
@@ -218,11 +214,6 @@ def _wrong(findings: Sequence[Named], joints: int) -> Iterator[tuple[str, int]]:
     if others := [finding for k, finding in enumerate(findings) if k not in pairs]:
         words = listed(list(grouped(others, joints)), len(others))
         yield f"parameters of the simulation are wrong: {words}", len(others)
-
-
-def _bracketed(words: str) -> str:
-    head, colon, number = words.partition(": ")
-    return f"{head} ({number})" if colon else words
 
 
 def sentence_case(words: str) -> str:
@@ -248,7 +239,7 @@ def verdict_words(result: Diagnosis) -> str:
         within = f", within {share(result.tolerance)} of the torque" if isfinite(result.tolerance) else ""
         return f"nothing is missing{within}"
     causes = [named(result.robot, finding.law, finding.std, finding.stated) for finding in result.causes]
-    left = [one.share for one in result.without_cause]
+    left = [residual.share for residual in result.without_cause]
     words = causes_words(causes, result.verdict == "named", len(result.robot.joints), left)
     alone = result.verdict == "named" and len(causes) == 1 and isfinite(result.causes[0].probability)
     return words + (f" (probability {confidence(result.causes[0].probability)})" if alone else "")

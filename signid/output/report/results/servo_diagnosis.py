@@ -14,14 +14,14 @@ from ....servo.identify.fits import HORIZON
 from ....types import Input
 from ..documents import Document, description, ending, fit_document, opening, picked
 from ..layout import figure, share, thousandths
-from ..plots.courses import loop_blocks, worst_joints
-from ..plots.frame import Header, sections_page, shared
+from ..pages import Header, sections_page, shared
+from ..plots import loop_blocks, worst_joints
 from ..quantities import Quantity, parameters
 from ..sections import Card, Cells, Section, Sentences, terminal
 from .servo_identification import all_joints, loop_units, poor_joints
 
 if TYPE_CHECKING:
-    from ....servo.diagnose import ServoDiagnosis, ServoFinding, ServoRepeats
+    from ....servo.diagnose import ServoDiagnosis, ServoFinding
 
 VERDICT_SENTENCES = {
     "nothing_missing": "nothing is missing: the simulation predicts the motion within the noise of the positions, or "
@@ -35,14 +35,26 @@ MAX_SHOWN_PROBABILITY = 0.999  # probability that is shown as > 99.9 %
 
 def servo_diagnosis_document(result: ServoDiagnosis, inputs: Sequence[Input] = ()) -> Document:
     """Build the content of diagnosis.json; `inputs` besides the recordings default to the robot description."""
-    before, after = result.rollout_before, result.rollout_after
+    before, after, repeats = result.rollout_before, result.rollout_after, result.repeats
+    differences = {} if repeats is None else picked(repeats, "rms mismatch_rms share")
     return {
         **opening("signid.diagnosis/1", result.robot),
         "verdict": result.verdict,
-        "findings": [_finding(one) for one in result.findings],
+        "findings": [
+            {
+                **picked(finding, "effect joint role probability"),
+                "parameters": parameters(found_numbers(finding)),
+                "meaning": finding.meaning,
+                "torque_share": dict(finding.share),
+                "where": picked(finding, "joint variable region"),
+                "evidence": picked(finding, "statistic threshold held_out_gain"),
+                "alternatives": [picked(x, "effect joint probability separating_motion") for x in finding.alternatives],
+            }
+            for finding in result.findings
+        ],
         "unexplained": [
-            {"depends_on": one.variable, **picked(one, "joint share rms region region_rms"), "tried": dict(one.tried)}
-            for one in result.unexplained
+            {"depends_on": x.variable, **picked(x, "joint share rms region region_rms"), "tried": dict(x.tried)}
+            for x in result.unexplained
         ],
         "fit": {"before": fit_document(result.before), "after": fit_document(result.after)},
         "rollout": {
@@ -53,32 +65,20 @@ def servo_diagnosis_document(result: ServoDiagnosis, inputs: Sequence[Input] = (
             "after_whole_rms": after.whole_rms.tolist(),
             "unit": list(before.units),
         },
-        "repeats": None if result.repeats is None else _repeats(result.repeats),
+        "repeats": repeats
+        and {
+            **picked(repeats, "pairs seconds"),
+            "joints": list(repeats.joints),
+            **{key: size.tolist() for key, size in differences.items()},
+        },
         **ending(result, result.inputs, inputs or [description(result.robot)], result.seed),
     }
 
 
-def _repeats(found: ServoRepeats) -> Document:
-    sizes = picked(found, "rms mismatch_rms share")
-    return {**picked(found, "pairs seconds"), "joints": list(found.joints), **{k: x.tolist() for k, x in sizes.items()}}
-
-
-def _finding(one: ServoFinding) -> Document:
-    return {
-        **picked(one, "effect joint role probability"),
-        "parameters": parameters(found_numbers(one)),
-        "meaning": one.meaning,
-        "torque_share": dict(one.share),
-        "where": {"joint": one.joint, "variable": one.variable, "region": one.region},
-        "evidence": picked(one, "statistic threshold held_out_gain"),
-        "alternatives": [picked(rival, "effect joint probability separating_motion") for rival in one.alternatives],
-    }
-
-
-def found_numbers(one: ServoFinding) -> list[Quantity]:
+def found_numbers(finding: ServoFinding) -> list[Quantity]:
     """Parameters of a finding, from which all outputs follow."""
-    own = one.joint, one.effect, None
-    return [Quantity(key, x.value, x.std, x.unit, *own, x.stated) for key, x in one.parameters.items()]
+    law = finding.joint, finding.effect, None
+    return [Quantity(key, x.value, x.std, x.unit, *law, x.stated) for key, x in finding.parameters.items()]
 
 
 def servo_diagnosis_tables(result: ServoDiagnosis) -> list[RenderableType]:
@@ -95,7 +95,7 @@ def servo_diagnosis_page(result: ServoDiagnosis, inputs: Sequence[Input] = (), c
     drawn = replace(result.rollout_after, nominal_whole_rms=result.rollout_before.whole_rms)  # as the curves are
     loops = loop_blocks(result.traces, drawn, "given simulation", "extended simulation")
     sections = [
-        _findings(result).beside(Sentences([f"{one.effect} at {one.joint}: {one.meaning}" for one in result.findings])),
+        _findings(result).beside(Sentences([f"{x.effect} at {x.joint}: {x.meaning}" for x in result.findings])),
         Section("Alternatives, and the motion that separates them", (Sentences(_alternatives(result)),)),
         _unexplained(result),
         _repeated(result),
@@ -110,9 +110,9 @@ def _cards(result: ServoDiagnosis) -> Iterator[Card]:
     """Errors of all joints, and of the worst one, before and after."""
     before, after = result.rollout_before, result.rollout_after
     for unit, tracking in all_joints(before, before.tracking_rms).items():
-        each = [all_joints(x, x.whole_rms)[unit] for x in (before, after)]
-        rms = " → ".join(thousandths(x, 2) for x in each)
-        part = " → ".join(share(x / tracking) for x in each if tracking > 0)
+        errors = [all_joints(x, x.whole_rms)[unit] for x in (before, after)]
+        rms = " → ".join(thousandths(x, 2) for x in errors)
+        part = " → ".join(share(x / tracking) for x in errors if tracking > 0)
         yield Card("closed loop, held out, whole recordings", f"{rms} m{unit} rms", f"{part} of the tracking error")
     for j in worst_joints(before)[:1] if len(before.joints) > 1 else ():
         rms = " → ".join(thousandths(float(x.whole_rms[j])) for x in (before, after))
@@ -121,32 +121,30 @@ def _cards(result: ServoDiagnosis) -> Iterator[Card]:
 
 def _title(result: ServoDiagnosis) -> str:
     """The verdict as a sentence."""
-    causes = ", ".join(f"{one.effect} at {one.joint}" for one in result.causes)
+    causes = ", ".join(f"{cause.effect} at {cause.joint}" for cause in result.causes)
     verdict = VERDICT_SENTENCES.get(result.verdict) or f"missing or wrongly stated: {causes}"
     return f"{result.robot.name}: {verdict}"
 
 
 def _findings(result: ServoDiagnosis) -> Section:
     """Numbers, stated values, probability, share of the mismatch and held-out gain of each finding."""
-    rows = [[one.effect, one.joint, *_cells(one)] for one in result.findings]
+    rows = []
+    for finding in result.findings:
+        numbers = [f"{x.name} {x.text} {x.unit}".removesuffix(" 1") for x in found_numbers(finding)]
+        stated = ["-" if x.stated is None else figure(x.stated) for x in found_numbers(finding)]
+        sure = "> 99.9 %" if finding.probability > MAX_SHOWN_PROBABILITY else share(finding.probability)
+        shares = share(finding.share.get(finding.joint, 0.0)), share(max(finding.held_out_gain, 0.0))
+        rows.append([finding.effect, finding.joint, "; ".join(numbers), "; ".join(stated), sure, *shares])
     return Section("Missing or wrongly stated", (Cells(FINDING_HEADS, rows),))
-
-
-def _cells(one: ServoFinding) -> list[str]:
-    numbers = [f"{x.name} {x.text} {x.unit}".removesuffix(" 1") for x in found_numbers(one)]
-    stated = ["-" if x.stated is None else figure(x.stated) for x in found_numbers(one)]
-    sure = "> 99.9 %" if one.probability > MAX_SHOWN_PROBABILITY else share(one.probability)
-    explained = share(one.share.get(one.joint, 0.0))
-    return ["; ".join(numbers), "; ".join(stated), sure, explained, share(max(one.held_out_gain, 0.0))]
 
 
 def _alternatives(result: ServoDiagnosis) -> list[str]:
     """A sentence for each alternative of a cause."""
     return [
-        f"{one.effect} at {one.joint} or {rival.effect} at {rival.joint} (probability {share(rival.probability)}): "
+        f"{cause.effect} at {cause.joint} or {rival.effect} at {rival.joint} (probability {share(rival.probability)}): "
         f"{rival.separating_motion}"
-        for one in result.causes
-        for rival in one.alternatives
+        for cause in result.causes
+        for rival in cause.alternatives
     ]
 
 
@@ -162,8 +160,8 @@ def _unexplained(result: ServoDiagnosis) -> Section:
             f"{left.region}"
         )
         if left.tried:
-            each = ", ".join(f"{effect} {share(max(part, 0.0))}" for effect, part in left.tried.items())
-            sentences.append(f"{left.joint}: fitted and not added, with the share of the mean square explained: {each}")
+            laws = ", ".join(f"{effect} {share(max(part, 0.0))}" for effect, part in left.tried.items())
+            sentences.append(f"{left.joint}: fitted and not added, with the share of the mean square explained: {laws}")
             best = max(left.tried.values())
             if len(alike := [effect for effect, part in left.tried.items() if part > max(RATIO * best, MIN_SHARE)]) > 1:
                 sentences.append(f"{left.joint}: these recordings do not separate {', '.join(alike)}")

@@ -17,8 +17,8 @@ from ....servos import PASSIVE_LAWS
 from ....types import Input
 from ..documents import Document, description, ending, opening, picked, stamps_clock
 from ..layout import Worse, plural, share, thousandths
-from ..plots.courses import loop_blocks, worst_joints
-from ..plots.frame import FRICTION_LEGEND, Header, friction_plots, sections_page, shared
+from ..pages import FRICTION_LEGEND, Header, friction_plots, sections_page, shared
+from ..plots import loop_blocks, worst_joints
 from ..quantities import Quantity, effect_document, grid, spaced
 from ..sections import Block, Card, Cells, Legend, Plain, Plots, Section, Sentences, terminal
 from .sentences import WORSE_ERROR_RATIO
@@ -52,11 +52,11 @@ def servo_identification_document(result: ServoIdentification, inputs: Sequence[
     bodies = list(map(pseudo_inertia, inertials))
     zeros = [
         {
-            **picked(one, "joint sign sign_probability"),
-            "zero": {"value": one.zero, "std": one.std, "unit": "rad"},
-            "identifiable": one.identifiable,
+            **picked(zero, "joint sign sign_probability"),
+            "zero": {"value": zero.zero, "std": zero.std, "unit": "rad"},
+            "identifiable": zero.identifiable,
         }
-        for one in result.zeros
+        for zero in result.zeros
     ]
     return {
         **opening("signid.identification/1", robot),
@@ -66,7 +66,7 @@ def servo_identification_document(result: ServoIdentification, inputs: Sequence[
         "effects": list(_effects(result)),
         "signs": None,
         "fit": {**position_fit(result.rollout), "refit": result.refit},
-        "varies": [one._asdict() for one in result.varies],
+        "varies": [number._asdict() for number in result.varies],
         "method": "output error of the closed loop",
         "recordings": [
             {"path": log.path, "clock": stamps_clock(log.period), "content_rate": log.content_rate}
@@ -75,11 +75,11 @@ def servo_identification_document(result: ServoIdentification, inputs: Sequence[
         "servo": {
             "scale": {
                 "set_by": scale.known_by,
-                "share_of_known_load": {one.joint: one.known_load_share for one in result.joints},
+                "share_of_known_load": {joint.joint: joint.known_load_share for joint in result.joints},
                 "sentence": scale.sentence,
                 "otherwise": "; ".join(scale.alternatives),
             },
-            "joints": [_joint(one) for one in result.joints],
+            "joints": list(map(_joint, result.joints)),
             "rollout": {**rollout_document(result.rollout), "held_out": result.rollout.held_out},
             **({"zeros": zeros} if zeros else {}),
             **({"friction_models": models} if models else {}),
@@ -88,10 +88,10 @@ def servo_identification_document(result: ServoIdentification, inputs: Sequence[
     }
 
 
-def drive_numbers(one: ServoJoint) -> list[Quantity]:
+def drive_numbers(drive: ServoJoint) -> list[Quantity]:
     """Numbers of a drive, from which all outputs follow."""
-    more: dict[str, Document] = {"damping": {"is": DAMPING}, "effort_limit": {"saturated_share": one.saturated_share}}
-    return [_quantity(x, one.joint, one.law, **more.get(x.name, {})) for x in one.numbers.values()]
+    more: dict[str, Document] = {"damping": {"is": DAMPING}, "effort_limit": {"saturated_share": drive.saturated_share}}
+    return [_quantity(x, drive.joint, drive.law, **more.get(x.name, {})) for x in drive.numbers.values()]
 
 
 def _quantity(x: ServoNumber, joint: str, law: str = "", **more: Any) -> Quantity:
@@ -118,39 +118,39 @@ def _ordered(numbers: Iterable[Quantity]) -> list[Quantity]:
     return sorted(numbers, key=lambda x: LEADING.index(x.name) if x.name in LEADING else len(LEADING))
 
 
-def _joint(one: ServoJoint) -> Document:
-    limit = {"value": None, "std": None, "unit": "", "saturated_share": one.saturated_share}
-    numbers = {x.name: x.document() for x in _ordered(drive_numbers(one))}
+def _joint(drive: ServoJoint) -> Document:
+    limit = {"value": None, "std": None, "unit": "", "saturated_share": drive.saturated_share}
+    numbers = {x.name: x.document() for x in _ordered(drive_numbers(drive))}
     return {
-        **picked(one, "joint law law_probability"),
-        "laws": dict(one.laws),
+        **picked(drive, "joint law law_probability"),
+        "laws": dict(drive.laws),
         **numbers,
         "effort_limit": numbers.get("effort_limit", limit),
-        "known_load_share": one.known_load_share,
-        **({"equal": list(one.equal)} if one.equal else {}),
-        "not_identifiable": list(one.not_identifiable),
+        "known_load_share": drive.known_load_share,
+        **({"equal": list(drive.equal)} if drive.equal else {}),
+        "not_identifiable": list(drive.not_identifiable),
     }
 
 
-def _model(one: FrictionModel, held_out: bool) -> Document:
-    each = {joint: [_quantity(x, joint) for x in numbers.values()] for joint, numbers in one.numbers.items()}
+def _model(model: FrictionModel, held_out: bool) -> Document:
+    by_joint = {joint: [_quantity(x, joint) for x in numbers.values()] for joint, numbers in model.numbers.items()}
     return {
-        "model": one.name,
-        **picked(one, "terms mean_absolute rms"),
+        "model": model.name,
+        **picked(model, "terms mean_absolute rms"),
         "held_out": held_out,
-        **picked(one, "log_bayes_factor probability"),
-        "processor_seconds": one.seconds,
-        "joints": {joint: {x.name: x.document() for x in numbers} for joint, numbers in each.items()},
+        **picked(model, "log_bayes_factor probability"),
+        "processor_seconds": model.seconds,
+        "joints": {joint: {x.name: x.document() for x in numbers} for joint, numbers in by_joint.items()},
     }
 
 
 def _effects(result: ServoIdentification) -> Iterator[Document]:
     """Passive laws of the joints that the recordings identify."""
-    for one in result.joints:
-        numbers = {x.name: x for x in drive_numbers(one) if x.known}
+    for drive in result.joints:
+        numbers = {x.name: x for x in drive_numbers(drive) if x.known}
         for x in (numbers[name] for name in EFFECT_NUMBERS if name in numbers):
             key = next(iter(EFFECTS[x.name].parameters))
-            yield effect_document(x.name, one.joint, [Quantity(key, x.value, x.std, x.unit)])
+            yield effect_document(x.name, drive.joint, [Quantity(key, x.value, x.std, x.unit)])
 
 
 def position_fit(found: ServoRollOut) -> Document:
@@ -174,7 +174,7 @@ def rollout_document(found: ServoRollOut) -> Document:
 
 def servo_identification_tables(result: ServoIdentification) -> list[RenderableType]:
     """Drives with their intervals, one joint a line; what is not identifiable; errors of closed loops."""
-    style = loop_style(result.rollout, result.far)
+    style = "bold red" if poor_joints(result.rollout, result.far) else "bold"
     return [Text(_headline(result), style), *terminal(_sections(result), _unsaid(result, result.notes))]
 
 
@@ -194,14 +194,21 @@ def _sections(result: ServoIdentification, *, pages: bool = False) -> list[Secti
     found = result.rollout
     drawn = loop_blocks(result.traces, found, found.nominal, "identified") if pages else ()
     friction = (Legend(FRICTION_LEGEND), Plots(friction_plots(result, found.joints))) if pages else ()
+    scale = [text for text in (result.scale.sentence, *result.scale.alternatives) if text]
+    if known := sorted(drive.known_load_share for drive in result.joints if isfinite(drive.known_load_share)):
+        to = f"{share(known[0])} to " if len(known) > 1 else ""
+        scale.append(f"the masses of the description explain {to}{share(known[-1])} of the torque of the drives")
+    tried = [joint for joint in result.joints if len({*joint.laws.values()}) > 1]
+    laws = list(dict.fromkeys(law for joint in tried for law in joint.laws))
+    posterior = [[joint.joint, *(_probability(joint.laws.get(law)) for law in laws)] for joint in tried]
     return [
         _drives(result).beside(Legend(DRIVE_NUMBERS_LEGEND)),
         Section("Not identifiable", (Sentences(_unidentifiable(result)),)),
-        _scale_basis(result),
+        Section("Scale of torque and mass", (Sentences(scale),)),
         _loops(found).beside(*drawn),
         Section("Friction over speed and load", friction),
-        _laws(result),
-        _models(result).beside(*(_model_numbers(result) if pages else ())),
+        Section("Probability of the laws that were compared", (Cells(["joint", *(f"{x}>" for x in laws)], posterior),)),
+        _models(result, pages),
     ]
 
 
@@ -212,19 +219,17 @@ def _unsaid(result: ServoIdentification, lines: Iterable[str]) -> list[str]:
 
 
 def _headline(result: ServoIdentification) -> str:
+    """Number of drives and error of their loops; unit of torques, and how heavy bodies are with the stated gain."""
     data = " of held-out motion" if result.rollout.held_out else " of the motion of the fit"
-    words = f"{plural(len(result.joints), 'drive')}, {loop_words(result.rollout, data)}"
-    return "; ".join(filter(None, [f"{result.robot.name}: {words}", _scale_words(result)]))
-
-
-def _scale_words(result: ServoIdentification) -> str:
-    """Unit of torques and masses, and how heavy bodies are with the stated gain."""
+    words = [f"{result.robot.name}: {plural(len(result.joints), 'drive')}, {loop_words(result.rollout, data)}"]
     ends = [f"{x:.2f}" for x in sorted(result.scale.mass_ratios)]
     times = " to ".join(dict.fromkeys([*ends[:1], *ends[-1:]]))
-    said = f"with --known {result.scale.gain} the moved bodies are {times} times as heavy as described" if times else ""
-    if not result.scale.known_by.startswith("inertials"):
-        return said
-    return f"in units of the described masses{'; ' + said if said else ' (--known kp=VALUE: of the gain at the joint)'}"
+    if result.scale.known_by.startswith("inertials"):
+        unit = "in units of the described masses"
+        words.append(unit if times else f"{unit} (--known kp=VALUE: of the gain at the joint)")
+    if times:
+        words.append(f"with --known {result.scale.gain} the moved bodies are {times} times as heavy as described")
+    return "; ".join(words)
 
 
 def loop_words(found: ServoRollOut, data: str = "") -> str:
@@ -266,11 +271,6 @@ def loop_units(found: ServoRollOut) -> str:
     return " or ".join(dict.fromkeys(f"m{unit}" for unit in found.units))
 
 
-def loop_style(found: ServoRollOut, far: Sequence[str] = ()) -> str:
-    """Style of a headline on the terminal: red where the prediction is bad."""
-    return "bold red" if poor_joints(found, far) else "bold"
-
-
 def _cards(result: ServoIdentification) -> Iterator[Card]:
     """Key figures beside those of the headline."""
     found = result.rollout
@@ -303,9 +303,9 @@ def _loops(found: ServoRollOut) -> Section:
 
 def _drives(result: ServoIdentification) -> Section:
     """One row per joint: law, numbers with 95 % intervals or bounds; ratios in a table of their own without a scale."""
-    laws = dict.fromkeys(_law(one) for one in result.joints)
-    ratios = [one for one in result.joints if any("/" in name for name in one.numbers)]
-    groups = [one for one in result.joints if one not in ratios], ratios
+    laws = dict.fromkeys(_law(drive) for drive in result.joints)
+    ratios = [drive for drive in result.joints if any("/" in name for name in drive.numbers)]
+    groups = [drive for drive in result.joints if drive not in ratios], ratios
     tables = [_numbers(joints, len(laws) > 1) for joints in groups if joints]
     bounded = any(cell[:1] in ("<", ">", "-") for x in tables for row in x.rows for cell in row[1:] if cell[1:2] in " ")
     title = f"Drives by the law {next(iter(laws))}, ± 95 %" if len(laws) == 1 else "Drives, ± 95 %"
@@ -316,36 +316,26 @@ def _drives(result: ServoIdentification) -> Section:
 
 def _numbers(joints: Sequence[ServoJoint], named: bool) -> Cells:
     """A row for each of some joints, those of ratios or the others; `named`: with their laws."""
-    every = _ordered(x for one in joints for x in drive_numbers(one))
+    every = _ordered(x for drive in joints for x in drive_numbers(drive))
     names = {x.name for x in every if x.name in LEADING[:5] or (x.known and x.value)}
     if any("/" in x.name for x in every):
         names = {x.name for x in every if x.name in ("delay", "lag") or "/" in x.name}
     shown = [x.displayed() for x in every if x.name in names]
-    heads, cells = grid(shown, lambda x: f"{spaced(x.name)}\n", [one.joint for one in joints])
-    first = [[one.joint, *([_law(one)] if named else [])] for one in joints]
-    last = [[share(one.saturated_share)] for one in joints]
-    limited = any(one.saturated_share > 0 for one in joints)
+    heads, cells = grid(shown, lambda x: f"{spaced(x.name)}\n", [drive.joint for drive in joints])
+    first = [[drive.joint, *([_law(drive)] if named else [])] for drive in joints]
+    last = [[share(drive.saturated_share)] for drive in joints]
+    limited = any(drive.saturated_share > 0 for drive in joints)
     rows = [[*a, *b, *(c if limited else [])] for a, b, c in zip(first, cells, last, strict=True)]
     return Cells(["joint", *(["law\n(probability)"] if named else []), *heads, *(["saturated>"] * limited)], rows)
 
 
-def _law(one: ServoJoint) -> str:
-    if one.law_probability is None:
-        return f"{one.law} (stated)"
-    if len(one.laws) > 1 and len({*one.laws.values()}) == 1:
-        return " or ".join(sorted(one.laws, key=lambda law: law != one.law))
-    sure = ">0.999" if one.law_probability > 0.999 else f"{one.law_probability:.2f}"
-    return f"{one.law} ({sure})"
-
-
-def _scale_basis(result: ServoIdentification) -> Section:
-    """Basis of the scale of torque, and its alternatives."""
-    said = [text for text in (result.scale.sentence, *result.scale.alternatives) if text]
-    known = sorted(one.known_load_share for one in result.joints if isfinite(one.known_load_share))
-    if known:
-        to = f"{share(known[0])} to " if len(known) > 1 else ""
-        said.append(f"the masses of the description explain {to}{share(known[-1])} of the torque of the drives")
-    return Section("Scale of torque and mass", (Sentences(said),))
+def _law(drive: ServoJoint) -> str:
+    if drive.law_probability is None:
+        return f"{drive.law} (stated)"
+    if len(drive.laws) > 1 and len({*drive.laws.values()}) == 1:
+        return " or ".join(sorted(drive.laws, key=lambda law: law != drive.law))
+    sure = ">0.999" if drive.law_probability > 0.999 else f"{drive.law_probability:.2f}"
+    return f"{drive.law} ({sure})"
 
 
 def _unidentifiable(result: ServoIdentification) -> list[str]:
@@ -356,35 +346,30 @@ def _unidentifiable(result: ServoIdentification) -> list[str]:
     return [*by_sentence(result.joints), *(flag for flag in result.flags if IDLE in flag or COMBINED in flag)]
 
 
-def _laws(result: ServoIdentification) -> Section:
-    """Posterior of each law that was tried, of the joints where the laws differ."""
-    tried = [one for one in result.joints if len({*one.laws.values()}) > 1]
-    laws = list(dict.fromkeys(law for one in tried for law in one.laws))
-    rows = [[one.joint, *(_probability(one.laws.get(law)) for law in laws)] for one in tried]
-    title = "Probability of the laws that were compared"
-    return Section(title, (Cells(["joint", *(f"{law}>" for law in laws)], rows),))
-
-
 def _probability(value: float | None) -> str:
     if value is None:
         return "-"
     return ">0.999" if value > 0.999 else f"{value:.3f}" if value >= 0.0005 else "<0.001"
 
 
-def _models(result: ServoIdentification) -> Section:
-    """One row per friction model: errors of whole recordings, evidence, time."""
+def _models(result: ServoIdentification, pages: bool) -> Section:
+    """A row per friction model: errors of whole recordings, evidence, time; on pages with its numbers by joint."""
     heads = ("model", "has", "mean |error|>", "rms>", "log Bayes factor>", "probability>", "processor s>")
-    rows = [
-        (
-            *(one.name, one.terms, *(_by_unit(result.rollout, x) for x in (one.mean_absolute, one.rms))),
-            f"{one.log_bayes_factor:.1f}",
-            "-" if np.isnan(one.probability) else f"{one.probability:.2f}",
-            f"{one.seconds:.1f}",
-        )
-        for one in result.friction_models
-    ]
-    title = f"Friction models: errors from commands alone, {_rows_of(result.rollout)}"
-    return Section(title, (Cells(heads, rows),) if rows else ())
+    rows, by_joint = [], []
+    for model in result.friction_models:
+        errors = (_by_unit(result.rollout, x) for x in (model.mean_absolute, model.rms))
+        probability = "-" if np.isnan(model.probability) else f"{model.probability:.2f}"
+        evidence = (f"{model.log_bayes_factor:.1f}", probability, f"{model.seconds:.1f}")
+        rows.append((model.name, model.terms, *errors, *evidence))
+        for joint, numbers in model.numbers.items():
+            shown = [_quantity(x, joint).displayed() for x in numbers.values()]
+            known = ", ".join(f"{spaced(x.name)} {x.cell} {x.unit}".rstrip() for x in shown if x.known)
+            by_joint.append((model.name, joint, known, ", ".join(spaced(x.name) for x in shown if not x.known)))
+    blocks: tuple[Block, ...] = (Cells(heads, rows),) if rows else ()
+    if pages and by_joint:
+        numbers_heads = ("model", "joint", "numbers, ± 95 %", "not identifiable")
+        blocks = (*blocks, Cells(numbers_heads, by_joint), Legend(FRICTION_MODELS_LEGEND))
+    return Section(f"Friction models: errors from commands alone, {_rows_of(result.rollout)}", blocks)
 
 
 def _rows_of(found: ServoRollOut) -> str:
@@ -396,16 +381,3 @@ def _by_unit(found: ServoRollOut, errors: Array) -> str:
     each = {unit: errors[[u == unit for u in found.units]] for unit in dict.fromkeys(found.units)}
     means = {unit: x[~np.isnan(x)] for unit, x in each.items()}
     return ", ".join(f"{thousandths(float(np.mean(x)))} m{unit}" for unit, x in means.items() if x.size)
-
-
-def _model_numbers(result: ServoIdentification) -> Iterator[Block]:
-    """Numbers of each friction model by joint, those that are not identifiable last."""
-    rows = []
-    for one in result.friction_models:
-        for joint, numbers in one.numbers.items():
-            shown = [_quantity(x, joint).displayed() for x in numbers.values()]
-            known = ", ".join(f"{spaced(x.name)} {x.cell} {x.unit}".rstrip() for x in shown if x.known)
-            rows.append((one.name, joint, known, ", ".join(spaced(x.name) for x in shown if not x.known)))
-    if rows:
-        yield Cells(("model", "joint", "numbers, ± 95 %", "not identifiable"), rows)
-        yield Legend(FRICTION_MODELS_LEGEND)

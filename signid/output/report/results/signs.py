@@ -15,7 +15,7 @@ from ....types import Array, Recording
 from ....version import __version__
 from ..documents import Document, picked
 from ..layout import CERTAINTY, confidence, figure, plot_markup, plural, share, with_interval
-from ..plots.frame import GREY, ORANGE, Header, axis, curve, packed, sections_page, thinned
+from ..pages import GREY, ORANGE, Header, axis, curve, packed, sections_page, thinned
 from ..sections import INK, Cells, Key, Plain, Plot, Plots, Section, terminal
 
 ROWS_PER_WRITE = 65_536  # rows written at once
@@ -37,7 +37,11 @@ def signs_document(signs: Signs) -> Document:
     return {
         "proof": picked(signs.proof, "optimal gap nodes certified"),
         "flags": list(signs.flags),
-        "segments": [_segment(signs, segment) for segment in signs.segments],
+        "segments": [
+            {"joint": signs.joints[segment.joint], **picked(segment, "start end sign confidence")}
+            | ({"recording": part_name(signs, segment.part)} if len(signs.traces) > 1 else {})
+            for segment in signs.segments
+        ],
         "method": signs.method,
         "joints": [signs.joints[j] for j in hidden],
         **{key: x[hidden].tolist() for key, x in picked(signs, "threshold noise inflation").items()},
@@ -57,13 +61,15 @@ def signs_tables(signs: Signs) -> list[RenderableType]:
 
 def signs_sections(signs: Signs) -> list[Section]:
     """Segments and confidence of their signs per joint, and torque constants that were unknown."""
-    rows = []
+    rows, searched = [], {segment.part for segment in signs.segments}
+    total = sum(len(signs.traces[part].t) for part in searched)
     for j in signs.hidden:
         segments = signs.of(j)
-        counts = [sum(t.sign == sign for t in segments) for sign in (1, -1)]
-        uncertain = sum(not t.confidence >= CERTAINTY for t in segments)
-        lowest = confidence(min((t.confidence for t in segments), default=float("nan")))
-        total, inside = _samples(signs, segments)
+        counts = [sum(segment.sign == sign for segment in segments) for sign in (1, -1)]
+        uncertain = sum(not segment.confidence >= CERTAINTY for segment in segments)
+        lowest = confidence(min((segment.confidence for segment in segments), default=float("nan")))
+        times = [(signs.traces[segment.part].t, segment) for segment in segments]
+        inside = sum(int(np.sum((t >= segment.start) & (t <= segment.end))) for t, segment in times)
         cells = (len(segments), *counts, uncertain, lowest, total, share(inside / total) if total else "-")
         rows.append((signs.joints[j], *map(str, cells)))
     heads = ("joint", "segments>", "+>", "->", "uncertain>", "lowest confidence>", "samples>", "in segments>")
@@ -87,7 +93,7 @@ def signed_csv(recording: Recording, signs: Signs, part: int) -> Iterator[str]:
     """
     columns = recording.columns["tau"]
     joints = [j for j, column in enumerate(columns) if column]
-    lost = {j for j in signs.hidden if not any(one.confidence >= CERTAINTY for one in signs.of(j))}
+    lost = {j for j in signs.hidden if not any(segment.confidence >= CERTAINTY for segment in signs.of(j))}
     names = [*recording.columns["t"], *(columns[j] for j in joints)]
     scale = np.array([1.0, *recording.torque_per_unit[joints]])
     for start in range(0, max(1, len(recording)), ROWS_PER_WRITE):
@@ -123,23 +129,10 @@ def _row_confidence(signs: Signs, part: int, joint: int, t: Array, torque: Array
     """Confidence of the segment of each row with its sign, (N,) [1]."""
     if joint not in signs.hidden:
         return np.ones(len(t))
-    own = sorted((s.start, s.end, s.sign, s.confidence) for s in signs.of(joint) if s.part == part)
-    start, end, sign, sure = np.array([(-np.inf, -np.inf, 0.0, 0.0), *own]).T
+    segments = sorted((s.start, s.end, s.sign, s.confidence) for s in signs.of(joint) if s.part == part)
+    start, end, sign, sure = np.array([(-np.inf, -np.inf, 0.0, 0.0), *segments]).T
     at = np.searchsorted(start, t, side="right") - 1
     return np.where((t <= end[at]) & (torque * sign[at] >= 0), sure[at], 0.0)
-
-
-def _segment(signs: Signs, segment: SignSegment) -> Document:
-    entry = {"joint": signs.joints[segment.joint], **picked(segment, "start end sign confidence")}
-    return entry | ({"recording": part_name(signs, segment.part)} if len(signs.traces) > 1 else {})
-
-
-def _samples(signs: Signs, segments: tuple[SignSegment, ...]) -> tuple[int, int]:
-    """Number of samples of the recordings with segments, and number of samples inside some segments."""
-    searched = {t.part for t in signs.segments}
-    ends = ((signs.traces[t.part].t, t) for t in segments)
-    inside = sum(int(np.sum((time >= t.start) & (time <= t.end))) for time, t in ends)
-    return sum(len(signs.traces[part].t) for part in searched), inside
 
 
 def signs_page(signs: Signs, units: Sequence[str] = ()) -> str:
@@ -152,44 +145,33 @@ def signs_page(signs: Signs, units: Sequence[str] = ()) -> str:
 
 def drawn_signs(signs: Signs, units: Sequence[str] = (), level: int = 2) -> list[Section]:
     """Torque with its signs over time, a section a recording with headings of a level, for a page."""
-    parts = sign_plots(signs, units)
+    joint_units = units or ["N.m or N"] * len(signs.joints)
+    parts = {
+        part_name(signs, part): [_plot(signs, part, j, joint_units[j]) for j in signs.hidden]
+        for part in range(len(signs.traces) if signs.hidden else 0)
+    }
     named = [part for part in parts if len(parts) > 1 or not part.startswith("recording ")]
     first = Section("Torque signs", (Plain(proof_sentence(signs)), Plain(SHADES_LEGEND), Key(SIGNS_KEY)))
     shown = [Section(part if part in named else "", (Plots(plots),), level) for part, plots in parts.items()]
     return [first, *shown] if parts else []
 
 
-def sign_plots(signs: Signs, units: Sequence[str] = ()) -> dict[str, list[Plot]]:
-    """Plot each joint without recorded signs, per recording."""
-    named = units or ["N.m or N"] * len(signs.joints)
-    return {
-        part_name(signs, part): [_plot(signs, part, j, named[j]) for j in signs.hidden]
-        for part in range(len(signs.traces) if signs.hidden else 0)
-    }
-
-
 def _plot(signs: Signs, part: int, j: int, unit: str) -> Plot:
-    trace, top = signs.traces[part], _axis_limit(signs.traces[part], j)
+    trace = signs.traces[part]
+    sizes = np.abs(np.concatenate([trace.magnitude[:, j], trace.predicted[:, j]]))
+    top = 1.4 * max(float(sizes[np.isfinite(sizes)].max(initial=0.0)), 1e-12)
     data = [*_shades(signs, part, j, top), *_lines(signs, trace, j, unit)]
+    t, ends = trace.t - trace.origin, None
+    if len(t):
+        room = 0.01 * float(t[-1] - t[0]) + 1e-9
+        ends = [float(t[0]) - room, float(t[-1]) + room]
     layout = {
-        "xaxis": axis("time [s]", range=_ends(trace.t - trace.origin)),
+        "xaxis": axis("time [s]", range=ends),
         "yaxis": axis(f"torque [{unit}]", range=[-top, top], nticks=7, zeroline=True, zerolinecolor=GREY),
         "barmode": "overlay",
         "uniformtext": {"mode": "hide", "minsize": 10},
     }
     return Plot(signs.joints[j], data, layout, PANEL_HEIGHT + MARGIN_HEIGHT, wide=True)
-
-
-def _ends(t: Array) -> list[float] | None:
-    if not len(t):
-        return None
-    room = 0.01 * float(t[-1] - t[0]) + 1e-9
-    return [float(t[0]) - room, float(t[-1]) + room]
-
-
-def _axis_limit(trace: Trace, joint: int) -> float:
-    sizes = np.abs(np.concatenate([trace.magnitude[:, joint], trace.predicted[:, joint]]))
-    return 1.4 * max(float(sizes[np.isfinite(sizes)].max(initial=0.0)), 1e-12)
 
 
 def _shades(signs: Signs, part: int, joint: int, top: float) -> list[dict[str, Any]]:
@@ -200,29 +182,32 @@ def _shades(signs: Signs, part: int, joint: int, top: float) -> list[dict[str, A
             shades[_mark(segment) if segment.confidence >= CERTAINTY else "?"].append(segment)
     wide = float(np.median(np.diff(t))) if len(t) > 1 else 1.0  # minimum width, for segments of a single sample
     origin = signs.traces[part].origin
-    return [_bars(shades[kind], name, colour, top, wide, origin) for kind, name, colour in SHADES]
-
-
-def _bars(
-    some: Sequence[SignSegment], name: str, colour: str, top: float, wide: float, origin: float
-) -> dict[str, Any]:
-    shown = [[_mark(s), f"{s.start - origin:.6g}", f"{s.end - origin:.6g}", confidence(s.confidence)] for s in some]
-    return {
-        "type": "bar",
-        "x": [(segment.start + segment.end) / 2 - origin for segment in some],
-        "width": [segment.end - segment.start + wide for segment in some],
-        "y": [2 * top] * len(some),
-        "base": -top,
-        "marker": {"color": colour, "opacity": 0.3 if colour == YELLOW else 0.2, "line": {"width": 0}},
-        "text": [plot_markup("$mark<br>$sure", mark=mark, sure=sure) for mark, _, _, sure in shown],
-        "textposition": "inside",
-        "insidetextanchor": "end",
-        "textangle": 0,
-        "textfont": {"color": INK, "size": 11},
-        "customdata": shown,
-        "hovertemplate": plot_markup(HOVER),
-        "name": name,
-    }
+    bars = []
+    for kind, name, colour in SHADES:
+        segments = shades[kind]
+        times = [(segment.start - origin, segment.end - origin) for segment in segments]
+        shown = [
+            [_mark(segment), f"{start:.6g}", f"{end:.6g}", confidence(segment.confidence)]
+            for segment, (start, end) in zip(segments, times, strict=True)
+        ]
+        bar = {
+            "type": "bar",
+            "x": [(segment.start + segment.end) / 2 - origin for segment in segments],
+            "width": [segment.end - segment.start + wide for segment in segments],
+            "y": [2 * top] * len(segments),
+            "base": -top,
+            "marker": {"color": colour, "opacity": 0.3 if colour == YELLOW else 0.2, "line": {"width": 0}},
+            "text": [plot_markup("$mark<br>$sure", mark=mark, sure=sure) for mark, _, _, sure in shown],
+            "textposition": "inside",
+            "insidetextanchor": "end",
+            "textangle": 0,
+            "textfont": {"color": INK, "size": 11},
+            "customdata": shown,
+            "hovertemplate": plot_markup(HOVER),
+            "name": name,
+        }
+        bars.append(bar)
+    return bars
 
 
 def _mark(segment: SignSegment) -> str:

@@ -8,17 +8,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich.console import RenderableType
 
-from .....errors import named_for_caller
-from .....estimation.excitation import MIN_INFO
-from .....faults import OF_A_FIT
-from .....faults.gravity import WHOLE
-from .....types import TWO_SIDED, Array, Input
-from ...documents import Document, description, ending, excitation_verdict, once, picked, recorded, stamps_clock
-from ...layout import figure, plural, position_units, share, torque_units
-from ...sections import Cells
-from ..identification import base_documents, cutoff_words, excited_words
-from .page import recorded_plots, recording_files, summary_page, used_times
-from .summary import (
+from ....errors import named_for_caller
+from ....estimation.excitation import MIN_INFO
+from ....faults import OF_A_FIT
+from ....faults.gravity import WHOLE
+from ....types import TWO_SIDED, Array, Input
+from ..documents import Document, description, ending, excitation_verdict, once, picked, recorded, stamps_clock
+from ..layout import figure, plural, position_units, share, torque_units
+from ..sections import Cells
+from .check_page import recorded_plots, recording_files, summary_page, used_times
+from .check_summary import (
     FAULTY,
     GOOD,
     LIMITED,
@@ -29,6 +28,7 @@ from .summary import (
     GravityUse,
     Identifiable,
     first_part,
+    identifiable_of,
     joint_words,
     recording_names,
     summary_document,
@@ -36,11 +36,11 @@ from .summary import (
     unit_notes,
     unit_uses,
 )
+from .identification import base_documents, cutoff_words, excited_words
 
 if TYPE_CHECKING:
-    from .....check import Check
-    from .....faults import JointAudit, RecordingFaults, ServoAudit
-    from .....recording.sampling import Sampling
+    from ....check import Check
+    from ....faults import JointAudit, ServoAudit
 
 DRIVE_LEGEND = (
     "range: of the command; error: rms of command - position; lag: delay of a slow ramp beside that of dry friction; "
@@ -77,11 +77,17 @@ DESCRIPTION_FAULTS = {"wrong axis": "joint axis", "held joints elsewhere": "held
 
 def check_summary(found: Check) -> CheckSummary:
     """Describe the check of recordings with torque."""
-    robot, faults, which = found.robot, _faults(found), _identifiable(found)
+    robot, which = found.robot, identifiable_of("base parameter", found.base.expressions, found.verdicts)
+    named = {f.sentence: FaultWords(f.kind, f.joints, f.sentence) for f in found.faults.findings}
+    flags = dict.fromkeys((*found.suspects, *found.faults.flags, *found.flags))  # the most severe first
+    faults = tuple(named.get(flag, FaultWords("", (), flag)) for flag in flags if flag not in _of_a_fit(found))
     given = f"{plural(len(found.recordings), 'recording')} of {plural(len(robot.joints), 'joint')}"
     verdict, headline = _headline(found, faults, which)
     sampled = tuple(dict.fromkeys(note for sampling in found.samplings for note in sampling.notes))
     units = unit_notes([note for recording in found.recordings for note in recording.notes])
+    tried = {words: (kind,) for words, kind in DESCRIPTION_FAULTS.items() if kind in found.faults.tried}
+    looked_for = SAMPLE_FAULTS | (TORQUE_FAULTS if found.faults.compared else {}) | tried
+    seen = {fault.kind for fault in found.faults.findings}
     return CheckSummary(
         title=f"{robot.name}: {given}",
         verdict=verdict,
@@ -92,8 +98,8 @@ def check_summary(found: Check) -> CheckSummary:
         unit_notes=units,
         gravity=gravity_use(found),
         faults=faults,
-        clear=tuple(_clear(found)),
-        joints=_joints(found),
+        clear=tuple(words for words, kinds in looked_for.items() if not seen.intersection(kinds)),
+        joints=_joint_table(found),
         legend=f"{cutoff_words(found.band.cutoff, found.band.position_cutoff)}; explained: share of the torque that "
         "the description with any friction and rotor explains",
         identifiable=which,
@@ -105,8 +111,11 @@ def check_summary(found: Check) -> CheckSummary:
 
 def check_document(found: Check, inputs: Sequence[Input] = (), seed: int = 0) -> Document:
     """Build check.json of recordings with torque; `inputs` defaults to the robot description."""
-    robot, band = found.robot, found.band
-    sizes = (band.per_joint, found.used, band.torque_floor, *motion_sizes(found), found.faults.weight)
+    robot, band, faults = found.robot, found.band, found.faults
+    fault_names = ("explained", "factor", "lag", "sign", "order")
+    measures = (map(float, column) for column in (faults.explained, faults.factor, faults.lag))
+    fault_rows = zip(faults.joints, *measures, faults.signs, faults.order, strict=True)
+    sizes = (band.per_joint, found.used, band.torque_floor, *motion_sizes(found), faults.weight)
     names = ("cutoff", "used", "noise_floor", "range", "speed", "torque_rms", "weight")
     joints = zip(robot.joints, *(map(float, size) for size in sizes), strict=True)
     verdicts = zip(base_documents(found.base), found.std, found.verdicts, strict=True)
@@ -124,7 +133,16 @@ def check_document(found: Check, inputs: Sequence[Input] = (), seed: int = 0) ->
         "cutoff": {"torque": band.cutoff, "position": band.position_cutoff, "unit": "Hz"},
         "base_parameters": [{**base, "std": float(std), "verdict": verdict} for base, std, verdict in verdicts],
         "excitation": excitation_verdict(found.excitation),
-        "recording_faults": _faults_document(found.faults),
+        "recording_faults": {
+            "joints": [dict(zip(("name", *fault_names), joint, strict=True)) for joint in fault_rows],
+            "findings": [
+                {
+                    **picked(finding, "kind joints severity measures sentence"),
+                    "alternatives": [{"kind": kind, "joints": list(joints)} for kind, joints in finding.alternatives],
+                }
+                for finding in faults.findings
+            ],
+        },
         "advice": list(found.advice),
         **ending(found, recording_files(found.recordings), inputs or [description(robot)], seed),
     }
@@ -177,14 +195,7 @@ def _headline(found: Check, faults: Sequence[FaultWords], which: Identifiable) -
 
 
 def _more(faults: int) -> str:
-    return f"; {plural(faults, 'more fault')} below" if faults else ""
-
-
-def _faults(found: Check) -> tuple[FaultWords, ...]:
-    """Faults of the log, the most severe first."""
-    named = {f.sentence: FaultWords(f.kind, f.joints, f.sentence) for f in found.faults.findings}
-    ordered = dict.fromkeys((*found.suspects, *found.faults.flags, *found.flags))
-    return tuple(named.get(flag, FaultWords("", (), flag)) for flag in ordered if flag not in _of_a_fit(found))
+    return f"; {plural(faults, 'more fault')} below" if faults > 0 else ""
 
 
 def _of_a_fit(found: Check) -> tuple[str, ...]:
@@ -192,18 +203,9 @@ def _of_a_fit(found: Check) -> tuple[str, ...]:
     return (*found.excitation.sentences, *(f.sentence for f in found.faults.findings if f.kind in OF_A_FIT))
 
 
-def _clear(found: Check) -> Iterator[str]:
-    """Faults that were looked for and not found."""
-    seen = {fault.kind for fault in found.faults.findings}
-    tried = {words: (kind,) for words, kind in DESCRIPTION_FAULTS.items() if kind in found.faults.tried}
-    for words, kinds in (SAMPLE_FAULTS | (TORQUE_FAULTS if found.faults.compared else {}) | tried).items():
-        if not seen.intersection(kinds):
-            yield words
-
-
 def gravity_use(found: Check) -> GravityUse:
     """Compare the stated gravity with the weight in the torque."""
-    from .....robot.joints import gravity_text, root_link
+    from ....robot.joints import gravity_text, root_link
 
     if other := next((fault for fault in found.faults.findings if fault.kind == "gravity"), None):
         return GravityUse("differs", first_part(other.sentence))
@@ -230,20 +232,16 @@ def _sampling(found: Check) -> Cells:
     for name, recording, s in zip(recording_names(found.recordings), found.recordings, found.samplings, strict=True):
         used = share(min(s.rows / max(len(recording), 1), 1.0))
         rates = figure(1 / s.step, 4), figure(s.content_rate, 4)
-        rows.append((name, str(len(recording)), used, figure(s.duration), *rates, _clock(s), str(len(s.spans) - 1)))
+        shortest, longest = (figure(1e3 * x) for x in s.jitter)
+        clock = "stamps, even" if s.uniform or shortest == longest else f"stamps, {shortest} to {longest} ms"
+        if s.clock.kind != "stamps":
+            lost = f", {s.clock.missing} rows lost" if s.clock.missing else ""
+            clock = f"{s.clock.kind}, jitter {figure(1e3 * s.clock.jitter, 2)} ms{lost}"
+        rows.append((name, str(len(recording)), used, figure(s.duration), *rates, clock, str(len(s.spans) - 1)))
     return Cells(SAMPLING_HEADS, tuple(rows))
 
 
-def _clock(s: Sampling) -> str:
-    """Kind of the clock, and how uneven its stamps are."""
-    if s.clock.kind != "stamps":
-        lost = f", {s.clock.missing} rows lost" if s.clock.missing else ""
-        return f"{s.clock.kind}, jitter {figure(1e3 * s.clock.jitter, 2)} ms{lost}"
-    shortest, longest = (figure(1e3 * x) for x in s.jitter)
-    return "stamps, even" if s.uniform or shortest == longest else f"stamps, {shortest} to {longest} ms"
-
-
-def _joints(found: Check) -> Cells:
+def _joint_table(found: Check) -> Cells:
     robot, band, faults = found.robot, found.band, found.faults
     length, torque = (" or ".join(dict.fromkeys(unit(robot))) for unit in (position_units, torque_units))
     heads = (
@@ -272,50 +270,38 @@ def motion_sizes(found: Check) -> tuple[Array, Array, Array]:
     return upper.max(axis=0) - lower.min(axis=0), mean("speed"), mean("torque_rms")
 
 
-def _identifiable(found: Check) -> Identifiable:
-    groups: dict[str, list[str]] = {}
-    for name, verdict in zip(found.base.expressions, found.verdicts, strict=True):
-        groups.setdefault(verdict, []).append(name)
-    which = (tuple(groups.get(verdict, ())) for verdict in ("identifiable", "weak", "unidentifiable"))
-    return Identifiable("base parameter", *which)
-
-
-def _faults_document(found: RecordingFaults) -> Document:
-    sizes = (map(float, column) for column in (found.explained, found.factor, found.lag))
-    joints = zip(found.joints, *sizes, found.signs, found.order, strict=True)
-    keys = ("name", "explained", "factor", "lag", "sign", "order")
-    return {
-        "joints": [dict(zip(keys, joint, strict=True)) for joint in joints],
-        "findings": [
-            {
-                **picked(finding, "kind joints severity measures sentence"),
-                "alternatives": [{"kind": kind, "joints": list(joints)} for kind, joints in finding.alternatives],
-            }
-            for finding in found.findings
-        ],
-    }
-
-
 def audit_summary(found: ServoAudit, robot: str = "") -> CheckSummary:
     """Describe the audit of recordings of position drives; `robot`: its name, "" without a description."""
     given = f"{plural(len(found.recordings), 'recording')} of {plural(len(found.joints), 'servo joint')}"
-    faults = tuple(FaultWords("", _about_fault(found, flag), flag) for flag in found.flags if flag not in found.limits)
+    ends = {x.joint: tuple(named_for_caller(flag.removeprefix(x.joint)) for flag in x.flags) for x in found.joints}
+    faults = tuple(
+        FaultWords("", tuple(joint for joint, end in ends.items() if flag.endswith(end)), flag)
+        for flag in found.flags
+        if flag not in found.limits
+    )
     positions = {joint: "rad" for recording in found.recordings for joint in recording.joints}
     positions |= {joint.joint: joint.unit for joint in found.joints}
-    which, units = _identifiable_drives(found), unit_notes(found.notes)
+    which = identifiable_of("drive", [x.joint for x in found.joints], map(verdict_of, found.joints))
+    units = unit_notes(found.notes)
     verdict, headline = _drive_headline(found, faults, which)
     return CheckSummary(
         title=f"{robot}: {given}" if robot else given,
         verdict=verdict,
         headline=headline,
         sampling=_drive_sampling(found),
-        sampled=tuple(_interpolated(found)),
+        sampled=tuple(
+            f"{name}: positions are interpolated or repeated from about {content:.4g} Hz"
+            for name, rate, content in zip(
+                recording_names(found.recordings), found.rates, found.content_rates, strict=True
+            )
+            if content < MIN_CONTENT_SHARE * rate
+        ),
         units=unit_uses(found.recordings, positions),
         unit_notes=units,
         gravity=GravityUse("not judged", "not judged: commands and positions without torque do not show it"),
         faults=faults,
         clear=() if faults else SEARCHED_FAULTS,
-        joints=_drives(found),
+        joints=_drive_table(found),
         legend=DRIVE_LEGEND,
         identifiable=which,
         advice=tuple(_drive_advice(found, which)),
@@ -363,36 +349,32 @@ def audit_page(
 ) -> str:
     """Render report.html of an audit of position drives; `robot`: its name, "" without a description."""
     summary = audit_summary(found, robot)
-    joints = [one.joint for one in found.joints]
+    joints, verdicts = [x.joint for x in found.joints], list(map(verdict_of, found.joints))
     half = {"half the content rate": min(found.content_rates) / 2}
-    known = (one.bandwidth if verdict_of(one) == "identifiable" else np.nan for one in found.joints)
-    marks = [{"71 % of the command": bandwidth, **half} for bandwidth in known]
-    units = [(one.unit or "no unit", "") for one in found.joints]
+    bandwidths = [
+        x.bandwidth if verdict == "identifiable" else np.nan for x, verdict in zip(found.joints, verdicts, strict=True)
+    ]
+    marks = [{"71 % of the command": bandwidth, **half} for bandwidth in bandwidths]
+    units = [(x.unit or "no unit", "") for x in found.joints]
     return summary_page(
         summary,
         list(recorded_plots(found.recordings, found.stretches, joints, units, marks, summary)),
-        Cells(["drive", "lag and bandwidth"], [(one.joint, verdict_of(one)) for one in found.joints]),
+        Cells(["drive", "lag and bandwidth"], list(zip(joints, verdicts, strict=True))),
         once([*recording_files(found.recordings), *inputs]),
         command=command,
         seed=seed,
     )
 
 
-def _about_fault(found: ServoAudit, flag: str) -> tuple[str, ...]:
-    """Joints that a fault is about."""
-    ends = {one.joint: [named_for_caller(x.removeprefix(one.joint)) for x in one.flags] for one in found.joints}
-    return tuple(joint for joint, own in ends.items() if flag.endswith(tuple(own)))
-
-
 def _drive_headline(found: ServoAudit, faults: Sequence[FaultWords], which: Identifiable) -> tuple[str, str]:
     """Verdict, and a sentence on it with the worst fault or lack."""
-    more = f"; {plural(len(faults) - 1, 'more fault')} below" if len(faults) > 1 else ""
+    more = _more(len(faults) - 1)
     if not which.total:
         return UNUSABLE, f"Not usable for identification of drives: {faults[0].fact}{more}"
     if faults:
         return FAULTY, f"Usable once this is corrected: {faults[0].worst}{more}"
     said = f"the lag of {len(which.identifiable)} of {plural(which.total, which.noun)} is identifiable"
-    worst = max(found.joints, key=lambda one: one.error / one.range if one.range else 0.0)
+    worst = max(found.joints, key=lambda joint: joint.error / joint.range if joint.range else 0.0)
     size = f"{worst.joint}: {figure(worst.error, 2)} {worst.unit}".rstrip()
     error = f"tracking errors up to {share(worst.error / worst.range) if worst.range else '-'} of the range ({size})"
     if found.limits:
@@ -409,15 +391,6 @@ def verdict_of(joint: JointAudit) -> str:
     return "weak" if joint.shift == joint.shift else "unidentifiable"
 
 
-def _identifiable_drives(found: ServoAudit) -> Identifiable:
-    verdicts = [(one.joint, verdict_of(one)) for one in found.joints]
-    names = (
-        tuple(joint for joint, verdict in verdicts if verdict == kind)
-        for kind in ("identifiable", "weak", "unidentifiable")
-    )
-    return Identifiable("drive", *names)
-
-
 def _drive_advice(found: ServoAudit, which: Identifiable) -> Iterator[str]:
     if not which.total:
         return
@@ -429,7 +402,7 @@ def _drive_advice(found: ServoAudit, which: Identifiable) -> Iterator[str]:
         )
     if which.unidentifiable:
         yield f"{joint_words(which.unidentifiable, which.total)}: no response to a command: record one"
-    still = [one.joint for one in found.joints if one.holds < ENOUGH_HOLDS]
+    still = [joint.joint for joint in found.joints if joint.holds < ENOUGH_HOLDS]
     if still:
         yield f"no rest shows the droop of {joint_words(still, which.total)}: hold some positions for a second or more"
     yield "signid identify gives kp, damping, delay and friction; their scale needs known masses or a gain (--known)"
@@ -448,32 +421,19 @@ def _drive_sampling(found: ServoAudit) -> Cells:
     return Cells(SAMPLING_HEADS, tuple(rows))
 
 
-def _interpolated(found: ServoAudit) -> Iterator[str]:
-    """Recordings whose rows are not all of their own."""
-    names = recording_names(found.recordings)
-    for name, rate, content in zip(names, found.rates, found.content_rates, strict=True):
-        if content < MIN_CONTENT_SHARE * rate:
-            yield f"{name}: positions are interpolated or repeated from about {content:.4g} Hz"
-
-
-def _drives(found: ServoAudit) -> Cells:
-    unit = " or ".join(dict.fromkeys(one.unit for one in found.joints if one.unit))
+def _drive_table(found: ServoAudit) -> Cells:
+    unit = " or ".join(dict.fromkeys(joint.unit for joint in found.joints if joint.unit))
     heads = (
         *("joint", f"range\n[{unit}]>" if unit else "range>", f"speed\n[{unit or '1'}/s]>", "step>", "error>"),
         *("lag\n[ms]>", "71 % at\n[Hz]>", "hysteresis>", "droop>", "scale>", "at\nlimit>"),
     )
-    return Cells(heads, tuple(map(_drive_cells, found.joints)))
-
-
-def _drive_cells(joint: JointAudit) -> tuple[str, ...]:
-    wide, known = TWO_SIDED * joint.lag_std, verdict_of(joint) == "identifiable"
-    lag = f"{1e3 * joint.lag:.0f} ± {1e3 * wide:.0f}" if known else "-"
-    return (
-        joint.joint,
-        figure(joint.range),
-        *(figure(x, 2) for x in (joint.speed, joint.quantum, joint.error)),
-        lag,
-        figure(joint.bandwidth, 2) if known else "-",
-        *(figure(x, 2) for x in (joint.width, joint.droop, joint.scale)),
-        share(joint.saturated),
-    )
+    rows = []
+    for joint in found.joints:
+        lag = bandwidth = "-"
+        if verdict_of(joint) == "identifiable":
+            lag = f"{1e3 * joint.lag:.0f} ± {1e3 * TWO_SIDED * joint.lag_std:.0f}"
+            bandwidth = figure(joint.bandwidth, 2)
+        motion = (figure(x, 2) for x in (joint.speed, joint.quantum, joint.error))
+        following = (figure(x, 2) for x in (joint.width, joint.droop, joint.scale))
+        rows.append((joint.joint, figure(joint.range), *motion, lag, bandwidth, *following, share(joint.saturated)))
+    return Cells(heads, tuple(rows))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from os.path import commonprefix
 from pathlib import Path
@@ -12,12 +12,12 @@ from typing import NamedTuple
 from rich.console import RenderableType
 from rich.text import Text
 
-from .....errors import shorten
-from .....recording.columns import UNSTATED
-from .....types import Recording, StatedUnit
-from ...documents import Document
-from ...layout import heading, new_table, paragraph, plural
-from ...sections import Cells
+from ....errors import shorten
+from ....recording.columns import UNSTATED
+from ....types import Recording, StatedUnit
+from ..documents import Document
+from ..layout import heading, new_table, paragraph, plural
+from ..sections import Cells
 
 GOOD, LIMITED, FAULTY, UNUSABLE = "good", "limited", "faulty", "unusable"
 CUT = 24  # length of the name of a recording that is never cut [characters]
@@ -114,6 +114,14 @@ class CheckSummary:
     notes: tuple[str, ...] = ()
 
 
+def identifiable_of(noun: str, names: Sequence[str], verdicts: Iterable[str]) -> Identifiable:
+    """Names by their verdicts."""
+    groups: dict[str, list[str]] = {"identifiable": [], "weak": [], "unidentifiable": []}
+    for name, verdict in zip(names, verdicts, strict=True):
+        groups[verdict].append(name)
+    return Identifiable(noun, *map(tuple, groups.values()))
+
+
 def first_part(sentence: str) -> str:
     """The fact of a sentence, without evidence and advice."""
     return sentence.partition("; ")[0]
@@ -136,7 +144,7 @@ def joint_words(joints: Sequence[str], total: int) -> str:
 
 def unit_uses(recordings: Sequence[Recording], positions: Mapping[str, str]) -> tuple[UnitUse, ...]:
     """Units of all signals; positions: unit of each joint's position, "" if it is unknown."""
-    found: dict[tuple[str, StatedUnit, str, bool], dict[str, float]] = {}
+    uses: dict[tuple[str, StatedUnit, str, bool], dict[str, float]] = {}
     for recording in recordings:
         for signal, group in recording.columns.items():
             for j, column in enumerate(group):
@@ -145,12 +153,12 @@ def unit_uses(recordings: Sequence[Recording], positions: Mapping[str, str]) -> 
                     if signal == "tau" and recording.scaled is not None and not recording.scaled[j]:
                         into = "A"  # a current without a torque constant
                     factor = float(recording.torque_per_unit[j]) if signal == "tau" else 1.0
-                    key = signal, recording.units.get(column, UNSTATED_UNIT), into, factor != 1
-                    found.setdefault(key, {})[column] = factor
-    ordered = sorted(found.items(), key=lambda item: [*WORDS, item[0][0]].index(item[0][0]))
+                    key = signal, recording.columns.get(column, UNSTATED_UNIT), into, factor != 1
+                    uses.setdefault(key, {})[column] = factor
+    ordered = sorted(uses.items(), key=lambda item: [*WORDS, item[0][0]].index(item[0][0]))
     return tuple(
-        UnitUse(signal, tuple(own), *stated, into, (min(own.values()), max(own.values())) if current else ())
-        for (signal, stated, into, current), own in ordered
+        UnitUse(signal, tuple(scales), *stated, into, (min(scales.values()), max(scales.values())) if current else ())
+        for (signal, stated, into, current), scales in ordered
     )
 
 
@@ -233,7 +241,8 @@ def summary_tables(summary: CheckSummary) -> list[RenderableType]:
         *_sampling(summary),
         *_labelled("units", [*unit_sentences(summary.units), *summary.unit_notes]),
         *_labelled("gravity", [summary.gravity.sentence]),
-        *(paragraph(f"faults: {line}") for line in _fault_lines(summary)),
+        *_labelled("faults", [fault.fact for fault in summary.faults if fault.kind != "gravity"]),
+        *([paragraph(f"faults: none of: {', '.join(summary.clear)}")] if summary.clear else []),
         *([paragraph(""), _table(summary.joints), paragraph(f"{summary.legend}.")] if summary.joints.rows else []),
         heading(which.counts),
         *_labelled("weak", [_leading(which.weak)] if which.weak else []),
@@ -242,16 +251,6 @@ def summary_tables(summary: CheckSummary) -> list[RenderableType]:
         *_labelled("advice", summary.advice),
         *_labelled("note", summary.notes),
     ]
-
-
-def _fault_lines(summary: CheckSummary) -> Iterator[str]:
-    """Each fault but gravity, which has a line of its own, and what was looked for without success."""
-    found = [fault.fact for fault in summary.faults if fault.kind != "gravity"]
-    yield from found[:MAX_ALIKE_SENTENCES]
-    if len(found) > MAX_ALIKE_SENTENCES:
-        yield f"and {len(found) - MAX_ALIKE_SENTENCES} more {FURTHER_PLACE}"
-    if summary.clear:
-        yield f"none of: {', '.join(summary.clear)}"
 
 
 def _sampling(summary: CheckSummary) -> Iterator[RenderableType]:
@@ -263,7 +262,7 @@ def _sampling(summary: CheckSummary) -> Iterator[RenderableType]:
     for said in summary.sampled:
         alike.setdefault(NUMBER_IN_TEXT.sub("", said), []).append(said)
     yield from _labelled(
-        "sampling", [f"{one} ({len(more)} more alike)" if more else one for one, *more in alike.values()]
+        "sampling", [f"{first} ({len(more)} more alike)" if more else first for first, *more in alike.values()]
     )
 
 

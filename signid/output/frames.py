@@ -9,17 +9,14 @@ from typing import Any, TypeAlias
 import numpy as np
 import polars as pl
 
-from ...effects.naming import law_place
-from ...errors import OptionError
-from ...servos import SERVO_NUMBERS, SERVO_UNITS
-from ...types import INERTIAL, INERTIAL_UNITS, Array, Law, Recording, Robot
-from ..report.documents import picked
-from ..report.quantities import Quantity, law_numbers
-from ..report.results.identification import identified_numbers, whole_numbers
-from ..report.results.inspection import joint_documents
-from ..report.results.laws import finding_numbers
-from ..report.results.payload import payload_numbers
-from ..report.results.servo_identification import drive_numbers
+from ..effects.naming import law_place
+from ..errors import OptionError
+from ..servos import SERVO_NUMBERS, SERVO_UNITS
+from ..types import INERTIAL, INERTIAL_UNITS, Array, Law, Recording, Robot
+from .report.documents import picked
+from .report.quantities import Quantity, finding_numbers, law_numbers
+from .report.results.identification import identified_numbers, joint_documents, payload_numbers, whole_numbers
+from .report.results.servo_identification import drive_numbers
 
 Rows: TypeAlias = Iterable[tuple[Any, ...]]
 Table: TypeAlias = Callable[[Any], pl.DataFrame] | tuple[str, Callable[[Any], Rows]]  # or columns and rows
@@ -78,33 +75,10 @@ def _law_rows(robot: Robot, laws: Iterable[tuple[Law, list[Quantity]]]) -> Itera
         yield from numbers or [Quantity("", np.nan, None, "", law_place(law, robot)[0], law.effect.name)]
 
 
-def _identified_laws(result: Any) -> pl.DataFrame:
-    return numbers_frame(LAW_ROWS, (n for numbers in identified_numbers(result) for n in numbers))
-
-
-def _stated_laws(model: Any) -> pl.DataFrame:
-    each = [(law, law_numbers(model.robot, law, {})) for law in model.laws_beside_drives]
-    return numbers_frame(LAW_ROWS, _law_rows(model.robot, each))
-
-
-def _found_laws(result: Any) -> pl.DataFrame:
-    each = [(finding.law, finding_numbers(result.robot, finding)) for finding in result.findings]
-    return numbers_frame(f"{LAW_ROWS} stated:f", _law_rows(result.robot, each))
-
-
 def _bodies(result: Any) -> Rows:
     bodies = result.parameters.bodies() if hasattr(result, "parameters") else result.inertials
     for link, x in zip(result.robot.links, bodies, strict=True):
         yield from ((link, *row) for row in zip(INERTIAL, x, INERTIAL_UNITS, strict=True))
-
-
-def _compared(result: Any) -> Rows:
-    return ((name, *row) for name in ("before", "after") for row in _fit(getattr(result, name)))
-
-
-def _validated(result: Any) -> Rows:
-    rows = _side_by_side("fit.joints fit.unit fit.held_out_rms fit.noise_floor fit.held_out_r2")
-    return ((one.name, *row) for one in result.models for row in rows(one))
 
 
 def _segments(result: Any) -> Rows:
@@ -122,33 +96,6 @@ def _findings(result: Any) -> Rows:
         yield *first, size, *place, f.held_out_gain, len(f.alternatives), f.in_model
 
 
-def _alternatives(result: Any) -> Rows:
-    for f in result.findings:
-        for x in f.alternatives:
-            names = (name for law in (f.law, x.law) for name in (law.effect.name, law_place(law, result.robot)[0]))
-            yield *names, x.probability, x.separating_motion
-
-
-def _unexplained(result: Any) -> Rows:
-    for x in result.unexplained:
-        yield result.robot.joints[x.joint], x.place.variable, x.place.region, x.share, x.held_out_gain, x.modelled
-
-
-def _drives(result: Any) -> pl.DataFrame:
-    """Numbers of the drives; null where not identifiable."""
-    numbers = (x for one in result.joints for x in drive_numbers(one))
-    rows = numbers_frame("joint:s law:s parameter:s value:f std:f unit:s stated:f", numbers)
-    return rows.with_columns(pl.col("stated").is_not_null())
-
-
-def _stated_drives(model: Any) -> Rows:
-    """Numbers of the drives of a model, without infinite ones."""
-    for joint, servo in model.servos.items():
-        for name in SERVO_NUMBERS:
-            if np.isfinite(value := float(getattr(servo, name))):
-                yield joint, servo.law, name, value, SERVO_UNITS[name]
-
-
 def _loops(result: Any) -> pl.DataFrame:
     """Rms position error of closed loops from commands alone, per joint."""
     found = result.rollout
@@ -161,7 +108,7 @@ def _residuals(result: Any) -> pl.DataFrame:
     if hasattr(result, "held_out"):
         course = result.held_out
     else:
-        from ..report.plots.courses import held_out_rows
+        from .report.plots import held_out_rows
 
         course = held_out_rows(result.session, result.judged)[0]
     return _long([(course.joints, picked(course, "recording t"), picked(course, "q v torque before after"))])
@@ -188,8 +135,8 @@ def _rolled(runs: Mapping[str, Any]) -> Rows:
     for name, run in runs.items():
         if run is not None:
             sizes = np.sqrt(np.mean(run.error**2, axis=0)).T
-            for joint, unit, own in zip(run.joints, run.unit, sizes, strict=True):
-                yield from ((name, joint, unit, t, x) for t, x in zip(run.t, own, strict=True))
+            for joint, unit, errors in zip(run.joints, run.unit, sizes, strict=True):
+                yield from ((name, joint, unit, t, x) for t, x in zip(run.t, errors, strict=True))
 
 
 def _listed(entries: str, keys: str) -> Callable[[Any], Rows]:
@@ -218,6 +165,7 @@ def _motion(found: Any) -> pl.DataFrame:
 
 
 ROLLOUT = "simulation:s joint:s unit:s t:f rms:f"
+_held_out = _side_by_side("joints unit held_out_rms noise_floor held_out_r2")
 _fit = _side_by_side("joints unit train_rms held_out_rms noise_floor irreducible_rms held_out_r2")
 BODY_TABLE: Table = ("link:s parameter:s value:f unit:s", _bodies)
 SEGMENT_TABLE: Table = ("recording:i joint:s start:f end:f sign:i confidence:f", _segments)
@@ -236,13 +184,33 @@ FRAMES: dict[str, dict[str, Table]] = {
             "alternatives:i in_model:b",
             _findings,
         ),
-        "laws": _found_laws,
+        "laws": lambda result: numbers_frame(
+            f"{LAW_ROWS} stated:f",
+            _law_rows(result.robot, ((x.law, finding_numbers(result.robot, x)) for x in result.findings)),
+        ),
         "alternatives": (
             "law:s joint:s alternative:s alternative_joint:s probability:f separating_motion:s",
-            _alternatives,
+            lambda result: (
+                (
+                    *(cause.law.effect.name, law_place(cause.law, result.robot)[0]),
+                    *(rival.law.effect.name, law_place(rival.law, result.robot)[0]),
+                    *(rival.probability, rival.separating_motion),
+                )
+                for cause in result.findings
+                for rival in cause.alternatives
+            ),
         ),
-        "unexplained": ("joint:s variable:s region:s share:f held_out_gain:f in_model:b", _unexplained),
-        "fit": (f"simulation:s {FIT}", _compared),
+        "unexplained": (
+            "joint:s variable:s region:s share:f held_out_gain:f in_model:b",
+            lambda result: (
+                (result.robot.joints[x.joint], x.place.variable, x.place.region, x.share, x.held_out_gain, x.modelled)
+                for x in result.unexplained
+            ),
+        ),
+        "fit": (
+            f"simulation:s {FIT}",
+            lambda result: ((name, *row) for name in ("before", "after") for row in _fit(getattr(result, name))),
+        ),
         "rollouts": (ROLLOUT, lambda found: _rolled({"before": found.rollout_before, "after": found.rollout_after})),
         "residuals": _residuals,
         "segments": SEGMENT_TABLE,
@@ -265,38 +233,59 @@ FRAMES: dict[str, dict[str, Table]] = {
             "expression:s value:f std:f estimate:f unit:s",
             _side_by_side("base.expressions base_value estimate.std estimate.value base.units"),
         ),
-        "laws": _identified_laws,
-        "numbers": lambda one: numbers_frame("parameter:s value:f unit:s", whole_numbers(one)),
+        "laws": lambda result: numbers_frame(LAW_ROWS, (n for law in identified_numbers(result) for n in law)),
+        "numbers": lambda result: numbers_frame("parameter:s value:f unit:s", whole_numbers(result)),
         "standard_parameters": BODY_TABLE,
-        "fit": (FIT, lambda one: _fit(one.fit)),
+        "fit": (FIT, lambda result: _fit(result.fit)),
         "residuals": _residuals,
         "segments": SEGMENT_TABLE,
     },
-    "Inspection": {"base_parameters": lambda one: frame(one.base), "joints": lambda one: frame(one.robot)},
+    "Inspection": {"base_parameters": lambda found: frame(found.base), "joints": lambda found: frame(found.robot)},
     "Model": {
-        "laws": _stated_laws,
+        "laws": lambda model: numbers_frame(
+            LAW_ROWS,
+            _law_rows(model.robot, ((law, law_numbers(model.robot, law, {})) for law in model.laws_beside_drives)),
+        ),
         "standard_parameters": BODY_TABLE,
-        "drives": ("joint:s law:s parameter:s value:f unit:s", _stated_drives),
+        "drives": (
+            "joint:s law:s parameter:s value:f unit:s",
+            lambda model: (  # without infinite ones
+                (joint, servo.law, name, value, SERVO_UNITS[name])
+                for joint, servo in model.servos.items()
+                for name in SERVO_NUMBERS
+                if np.isfinite(value := float(getattr(servo, name)))
+            ),
+        ),
     },
     "Payload": {"payload": lambda found: numbers_frame("parameter:s value:f std:f unit:s", payload_numbers(found))},
     "Recording": {"samples": _samples},
     "Robot": {"joints": lambda robot: pl.DataFrame(joint_documents(robot))},
     "RollOut": {"rollouts": (ROLLOUT, lambda run: _rolled({"simulation": run}))},
     "Separation": {"motion": _motion},
-    "ServoIdentification": {"drives": _drives, "closed_loops": _loops, "positions": _positions},
+    "ServoIdentification": {
+        "drives": lambda result: numbers_frame(  # null where not identifiable
+            "joint:s law:s parameter:s value:f std:f unit:s stated:f",
+            (x for joint in result.joints for x in drive_numbers(joint)),
+        ).with_columns(pl.col("stated").is_not_null()),
+        "closed_loops": _loops,
+        "positions": _positions,
+    },
     "ServoSimulation": {"samples": lambda run: pl.DataFrame(dict(run.columns))},
     "ServoValidatedModel": {"closed_loops": _loops, "positions": _positions},
     "ServoValidation": {
         "closed_loops": lambda result: pl.concat(
-            _loops(one).insert_column(0, pl.lit(one.name).alias("model")) for one in result.models
+            _loops(model).insert_column(0, pl.lit(model.name).alias("model")) for model in result.models
         )
     },
     "Signs": {"segments": SEGMENT_TABLE},
     "Simulation": {"samples": lambda run: _wide(run.t, run.joints, {"q": run.q, "tau": run.tau, "q_des": run.desired})},
-    "ValidatedModel": {"fit": (FIT, lambda one: _fit(one.fit))},
+    "ValidatedModel": {"fit": (FIT, lambda model: _fit(model.fit))},
     "Validation": {
-        "fit": ("model:s joint:s unit:s rms:f noise_floor:f r2:f", _validated),
-        "rollouts": (ROLLOUT, lambda result: _rolled({one.name: one.rollout for one in result.models})),
+        "fit": (
+            "model:s joint:s unit:s rms:f noise_floor:f r2:f",
+            lambda result: ((model.name, *row) for model in result.models for row in _held_out(model.fit)),
+        ),
+        "rollouts": (ROLLOUT, lambda result: _rolled({model.name: model.rollout for model in result.models})),
         "residuals": lambda result: _long(
             (x.fit.joints, {"model": [x.name] * len(x.t), **picked(x, "recording t")}, picked(x, "torque residual"))
             for x in result.models

@@ -1,24 +1,24 @@
-"""Rendering of self-contained pages: templates, style, plots and script."""
+"""Rendering of self-contained pages: templates, style and script, and the parts of their plots."""
 
 from __future__ import annotations
 
 import gzip
 from base64 import b64encode
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ....servos import Servo
-from ....types import Array, Indices, Input, Robot
-from ....version import __version__
-from ..documents import description, once
-from ..layout import content_policy, figure, plot_markup, share
-from ..sections import Card, Plot, Section
+from ...servos import Servo
+from ...types import Array, Indices, Input, Robot
+from ...version import __version__
+from .documents import description, once
+from .layout import content_policy, figure, plot_markup, share
+from .sections import Card, Plot, Section
 
 if TYPE_CHECKING:
-    from ....servo.identify import ServoIdentification, ServoJoint
+    from ...servo.identify import ServoIdentification
 
 TEMPLATES = Path(__file__).parent / "templates"
 PLOTLY_FILE = "plotly-cartesian.min.js.gz"  # scatter, bar and heat map: 1.5 MB of a page, of Plotly's 4.8 MB
@@ -114,7 +114,43 @@ def thinned(t: Array, lines: Array, first: Indices, most: int) -> tuple[Array, A
 
 def friction_plots(result: ServoIdentification, joints: Sequence[str]) -> list[Plot]:
     """Plot friction against speed for some loads, of each of the joints with identifiable dry friction."""
-    return [plot for one in result.joints if one.joint in joints for plot in _friction_plot(result, one)]
+    plots = []
+    for drive in result.joints:
+        if drive.joint not in joints:
+            continue
+        numbers, servo = drive.numbers, result.servos[drive.joint]
+        known = {name for name, number in numbers.items() if number.value}
+        speed, torque = _reached(result, drive.joint, servo)
+        if not known.intersection(DRY_FRICTION) or not speed > 0:
+            continue
+        split = "viscous_friction" in known
+        v = np.linspace(-speed, speed, CURVE_POINTS)
+        v[CURVE_POINTS // 2] = np.nan  # friction at rest is between the two sides
+        unit = "N" if result.robot.prismatic[result.robot.index(drive.joint)] else "N.m"
+        data, loads = [], LOAD_SHARES if servo.load_friction > 0 and torque > 0 else LOAD_SHARES[:1]
+        for part, colour in loads:
+            load = float(figure(part * torque, 2))
+            name = f"load {figure(load, 2)} {unit}" if len(loads) > 1 else "any load"
+            hover = plot_markup("$name: %{y:.3g} $unit at %{x:.3g}<extra></extra>", name=name, unit=unit)
+            y = steady_friction(servo, v, load, servo.viscous_friction if split else 0.0)
+            line = {"color": colour, "width": 2}
+            data.append(curve(name, packed(v), packed(y), line, hovertemplate=hover))
+        corner = {"xref": "paper", "yref": "paper", "y": 0.02, "showarrow": False, "font": {"color": "#5b6773"}}
+        layout = {
+            "xaxis": axis(f"speed [{'m/s' if unit == 'N' else 'rad/s'}]", nticks=6, zeroline=True),
+            "yaxis": axis(f"friction [{unit}]", nticks=6, zeroline=True),
+            "annotations": [
+                {**corner, "text": "back-drive", "x": 0.02, "xanchor": "left", "y": 0.98},
+                {**corner, "text": "drive", "x": 0.98, "xanchor": "right"},
+            ],
+            "showlegend": True,
+            "legend": {"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom"},
+        }
+        shown, damping = "dry and viscous friction" if split else "dry friction", numbers.get("damping")
+        if not split and damping is not None and damping.value is not None:
+            shown += f"; viscous at most {figure(damping.value, 2)} {damping.unit}"
+        plots.append(Plot(f"{drive.joint}: {shown}", data, layout))
+    return plots
 
 
 def steady_friction(servo: Servo, v: Array, load: float, viscous: float) -> Array:
@@ -135,27 +171,6 @@ def steady_friction(servo: Servo, v: Array, load: float, viscous: float) -> Arra
     return np.asarray(np.where(v > 0, drive, -np.where(braked <= load, braked, pushed)))
 
 
-def _friction_plot(result: ServoIdentification, one: ServoJoint) -> Iterator[Plot]:
-    numbers, servo = one.numbers, result.servos[one.joint]
-    known = {name for name, number in numbers.items() if number.value}
-    speed, torque = _reached(result, one.joint, servo)
-    if not known.intersection(DRY_FRICTION) or not speed > 0:
-        return
-    split = "viscous_friction" in known
-    v = np.linspace(-speed, speed, CURVE_POINTS)
-    v[CURVE_POINTS // 2] = np.nan  # friction at rest is between the two sides
-    unit = "N" if result.robot.prismatic[result.robot.index(one.joint)] else "N.m"
-    data, loads = [], LOAD_SHARES if servo.load_friction > 0 and torque > 0 else LOAD_SHARES[:1]
-    for part, colour in loads:
-        load = float(figure(part * torque, 2))
-        name = f"load {figure(load, 2)} {unit}" if len(loads) > 1 else "any load"
-        hover = plot_markup("$name: %{y:.3g} $unit at %{x:.3g}<extra></extra>", name=name, unit=unit)
-        y = steady_friction(servo, v, load, servo.viscous_friction if split else 0.0)
-        line = {"color": colour, "width": 2}
-        data.append(curve(name, packed(v), packed(y), line, hovertemplate=hover))
-    yield Plot(f"{one.joint}: {_words(one, split)}", data, _layout(unit))
-
-
 def _reached(result: ServoIdentification, joint: str, servo: Servo) -> tuple[float, float]:
     """Speed [rad/s or m/s] and torque of the drive [N.m or N] that the held-out recordings reach."""
     speeds, torques = [np.zeros(1)], [np.zeros(1)]
@@ -166,28 +181,3 @@ def _reached(result: ServoIdentification, joint: str, servo: Servo) -> tuple[flo
             torques.append(np.abs(servo.kp * (trace.command[:, j] - trace.measured[:, j])))
     speed, torque = (float(np.nanquantile(np.concatenate(x), REACHED_QUANTILE)) for x in (speeds, torques))
     return speed, min(torque, servo.effort_limit)
-
-
-def _words(one: ServoJoint, split: bool) -> str:
-    """Which friction is drawn."""
-    if split:
-        return "dry and viscous friction"
-    damping = one.numbers.get("damping")
-    if damping is None or damping.value is None:
-        return "dry friction"
-    return f"dry friction; viscous at most {figure(damping.value, 2)} {damping.unit}"
-
-
-def _layout(unit: str) -> dict[str, object]:
-    speed = "speed [m/s]" if unit == "N" else "speed [rad/s]"
-    corner = {"xref": "paper", "yref": "paper", "y": 0.02, "showarrow": False, "font": {"color": "#5b6773"}}
-    return {
-        "xaxis": axis(speed, nticks=6, zeroline=True),
-        "yaxis": axis(f"friction [{unit}]", nticks=6, zeroline=True),
-        "annotations": [
-            {**corner, "text": "back-drive", "x": 0.02, "xanchor": "left", "y": 0.98},
-            {**corner, "text": "drive", "x": 0.98, "xanchor": "right"},
-        ],
-        "showlegend": True,
-        "legend": {"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom"},
-    }

@@ -12,15 +12,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from rich.console import RenderableType
 
-from .....faults import UnusableRecordings
-from .....types import Array, Input, Recording, Samples
-from .....version import __version__
-from ...documents import Document, ending, once
-from ...layout import figure, plot_markup, plural
-from ...plots.courses import MAX_OPEN, MIN_POINTS, Line, Panes, line_points, recorded_lines
-from ...plots.frame import BLUE, GREEN, GREY, ORANGE, Header, axis, curve, packed, sections_page
-from ...sections import INK, Card, Cells, Folds, JointPlots, Key, Legend, Plain, Plot, Section, Sentences
-from .summary import (
+from ....faults import UnusableRecordings
+from ....types import Array, Input, Recording, Samples
+from ....version import __version__
+from ..documents import Document, ending, once
+from ..layout import figure, plot_markup, plural
+from ..pages import BLUE, GREEN, GREY, ORANGE, Header, axis, curve, packed, sections_page
+from ..plots import MAX_OPEN, MIN_POINTS, Line, Panes, line_points, recorded_lines
+from ..sections import INK, Card, Cells, Folds, JointPlots, Key, Legend, Plain, Plot, Section, Sentences
+from .check_summary import (
     SAMPLING_HEADS,
     UNUSABLE,
     CheckSummary,
@@ -88,10 +88,20 @@ def summary_page(
         Section("What to record next", (Sentences(summary.advice),)),
         Section(summary.identifiable.counts, (Plain(summary.excitation), verdicts)),
     ]
+    which, gravity = summary.identifiable, summary.gravity.verdict
+    others = f"{which.noun}s; {len(which.weak)} weak, {len(which.unidentifiable)} not"
+    cards = [Card("identifiable", f"{len(which.identifiable)} of {which.total}", others)]
+    rates = [(float(row[5]), float(row[4])) for row in summary.sampling.rows if row[5] != "-" and row[4] != "-"]
+    if rates:
+        content, rate = min(rates)
+        lowest = f"lowest of {len(rates)} recordings; " if len(rates) > 1 else ""
+        cards.append(Card("content", f"{content:g} Hz", f"{lowest}rows at {rate:g} Hz"))
+    cards.append(Card("faults", str(len(summary.faults)), "of the log"))
+    cards.append(Card("gravity", gravity, "with the stated one" if gravity == "agrees" else ""))
     kind = {"good": "nothing_missing", "limited": "unknown"}.get(summary.verdict, "unreliable")
-    header = Header(summary.title, f"check of {summary.title}", list(_cards(summary)), kind, summary.headline)
-    content = {"flags": (), "notes": summary.notes, "files": files, "version": __version__, **given}
-    return sections_page(header, sections, content)
+    header = Header(summary.title, f"check of {summary.title}", cards, kind, summary.headline)
+    shared = {"flags": (), "notes": summary.notes, "files": files, "version": __version__, **given}
+    return sections_page(header, sections, shared)
 
 
 def _unusable(found: UnusableRecordings, robot: str) -> CheckSummary:
@@ -139,19 +149,6 @@ def recording_files(recordings: Sequence[Recording]) -> list[Input]:
     return [Input(recording.path, recording.sha256, "recording") for recording in recordings]
 
 
-def _cards(summary: CheckSummary) -> Iterator[Card]:
-    which = summary.identifiable
-    others = f"{which.noun}s; {len(which.weak)} weak, {len(which.unidentifiable)} not"
-    yield Card("identifiable", f"{len(which.identifiable)} of {which.total}", others)
-    rates = [(float(row[5]), float(row[4])) for row in summary.sampling.rows if row[5] != "-" and row[4] != "-"]
-    if rates:
-        content, rate = min(rates)
-        lowest = f"lowest of {len(rates)} recordings; " if len(rates) > 1 else ""
-        yield Card("content", f"{content:g} Hz", f"{lowest}rows at {rate:g} Hz")
-    yield Card("faults", str(len(summary.faults)), "of the log")
-    yield Card("gravity", summary.gravity.verdict, "with the stated one" if summary.gravity.verdict == "agrees" else "")
-
-
 def used_times(recording: Recording, spans: Sequence[tuple[int, int]]) -> list[tuple[float, float]]:
     """Start and end [s] of spans of rows."""
     column = recording.columns["t"]
@@ -177,15 +174,15 @@ def recorded_plots(
         _Drawn(recording, stretches, *recorded_lines(recording, most))
         for recording, stretches in zip(recordings[:MAX_DRAWN_RECORDINGS], used, strict=False)
     ]
-    longest = max(drawn, key=lambda one: max((b - a for a, b in one.stretches), default=0.0))
+    longest = max(drawn, key=lambda part: max((b - a for a, b in part.stretches), default=0.0))
     rows = _longest_stretch(longest)
-    for joint, unit, own in zip(joints, units, marks, strict=True):
-        having = [one for one in drawn if joint in one.recording.joints]
+    for joint, unit, frequencies in zip(joints, units, marks, strict=True):
+        having = [part for part in drawn if joint in part.recording.joints]
         if not having:
             continue
         plots = [_over_time(joint, _sequence(having, joint), *unit)]
         if rows is not None and joint in longest.recording.joints:
-            plots += _spectra(rows, longest.recording.joints.index(joint), *unit, own)
+            plots += _spectra(rows, longest.recording.joints.index(joint), *unit, frequencies)
         row = next(row for row in summary.joints.rows if row[0] == joint)
         words = f"range {row[1]} {unit[0]}" + (f"; {faulty[joint]}" if joint in faulty else "")
         yield JointPlots(joint, words, joint in shown, tuple(plots))
@@ -205,19 +202,19 @@ def _longest_stretch(drawn: _Drawn) -> Samples | None:
 def _sequence(drawn: Sequence[_Drawn], joint: str) -> _Course:
     """Lines of one joint of recordings, one after another, with the rows that are omitted."""
     times, lines, omitted, now = [], [], list[tuple[float, float]](), 0.0
-    for one in drawn:
-        j, n = one.recording.joints.index(joint), len(one.recording.joints)
-        known = np.isfinite(one.t)
-        t, own = one.t[known], one.lines[known][:, [j, n + j, 2 * n + j]]
+    for part in drawn:
+        j, n = part.recording.joints.index(joint), len(part.recording.joints)
+        known = np.isfinite(part.t)
+        t, values = part.t[known], part.lines[known][:, [j, n + j, 2 * n + j]]
         first, last = float(t[0]), float(t[-1])
-        edges = [first, *(x for pair in one.stretches for x in pair), last]
+        edges = [first, *(x for pair in part.stretches for x in pair), last]
         gaps = [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b > a]
         breaks = [int(np.searchsorted(t, b)) for a, b in gaps if not np.any((t > a) & (t < b))]
-        t, own = np.insert(t, breaks, np.nan), np.insert(own, breaks, np.nan, axis=0)
+        t, values = np.insert(t, breaks, np.nan), np.insert(values, breaks, np.nan, axis=0)
         wide = MIN_VISIBLE_SHARE * (last - first) / 2
         omitted += [(a - first + now - wide, b - first + now + wide) for a, b in gaps]
         times += [t - first + now, np.array([np.nan])]
-        lines += [own, np.full((1, 3), np.nan)]
+        lines += [values, np.full((1, 3), np.nan)]
         now += last - first
     return _Course(np.concatenate(times), np.concatenate(lines), omitted)
 
@@ -239,7 +236,9 @@ def _over_time(joint: str, course: _Course, length: str, torque: str) -> Plot:
 
 
 def _spectra(rows: Samples, j: int, length: str, torque: str, marks: Marks) -> Iterator[Plot]:
-    """Plot the power density of position and torque, or command, of one joint."""
+    """Plot the power density of position and torque, or command, of one joint, with marked frequencies [Hz]."""
+    from scipy.signal import welch
+
     signals = [("position", rows.q[:, j], length)]
     if torque and np.isfinite(rows.tau[:, j]).any():
         signals.append(("torque", rows.tau[:, j], f"({torque})"))
@@ -247,30 +246,25 @@ def _spectra(rows: Samples, j: int, length: str, torque: str, marks: Marks) -> I
         signals.append(("command", rows.q_des[:, j], length))
     for name, values, unit in signals:
         known = np.isfinite(values) & np.isfinite(rows.t)
-        if known.sum() > MIN_POINTS:
-            yield _spectrum(name, rows.t[known], values[known], unit, marks)
-
-
-def _spectrum(name: str, t: Array, values: Array, unit: str, marks: Marks) -> Plot:
-    """Power density of values (N,) [unit] over frequency, with marked frequencies [Hz]."""
-    from scipy.signal import welch
-
-    period = float(np.median(np.diff(t)))
-    grid = np.arange(t[0], t[-1], period)
-    f, power = welch(np.interp(grid, t, values), 1 / period, nperseg=min(WINDOW_ROWS, len(grid)))
-    power = np.maximum(power[1:], MIN_POWER * max(float(power.max()), 1e-300))
-    edges = np.unique(np.geomspace(1, len(power), MAX_BINS).astype(int)) - 1  # the axis is logarithmic; peaks stay
-    shown = packed(f[1:][edges]), packed(np.maximum.reduceat(power, edges))
-    data: list[dict[str, Any]] = [curve(name, *shown, {"color": INK, "width": 1.3}, hoverinfo="skip")]
-    ends = [float(power.min()), float(power.max())]
-    for (mark, place), colour in zip(marks.items(), (ORANGE, BLUE, GREY)[-len(marks) :], strict=True):
-        if f[1] <= place <= f[-1]:
-            hover = plot_markup("$mark: %{x:.4g} Hz<extra></extra>", mark=mark)
-            line = {"color": colour, "width": 2, "dash": "dash"}
-            data.append(curve(mark, [place, place], ends, line, hovertemplate=hover))
-    named = ", ".join(f"{mark} {figure(place)} Hz" for mark, place in marks.items() if np.isfinite(place))
-    layout = {
-        "xaxis": axis("frequency [Hz]", type="log", dtick=1),
-        "yaxis": axis(f"density [{unit}²/Hz]", type="log", nticks=5, exponentformat="e"),
-    }
-    return Plot(f"spectrum of the {name}; dashed: {named}", data, layout)
+        if known.sum() <= MIN_POINTS:
+            continue
+        t = rows.t[known]
+        period = float(np.median(np.diff(t)))
+        grid = np.arange(t[0], t[-1], period)
+        f, power = welch(np.interp(grid, t, values[known]), 1 / period, nperseg=min(WINDOW_ROWS, len(grid)))
+        power = np.maximum(power[1:], MIN_POWER * max(float(power.max()), 1e-300))
+        edges = np.unique(np.geomspace(1, len(power), MAX_BINS).astype(int)) - 1  # the axis is logarithmic; peaks stay
+        shown = packed(f[1:][edges]), packed(np.maximum.reduceat(power, edges))
+        data: list[dict[str, Any]] = [curve(name, *shown, {"color": INK, "width": 1.3}, hoverinfo="skip")]
+        ends = [float(power.min()), float(power.max())]
+        for (mark, place), colour in zip(marks.items(), (ORANGE, BLUE, GREY)[-len(marks) :], strict=True):
+            if f[1] <= place <= f[-1]:
+                hover = plot_markup("$mark: %{x:.4g} Hz<extra></extra>", mark=mark)
+                line = {"color": colour, "width": 2, "dash": "dash"}
+                data.append(curve(mark, [place, place], ends, line, hovertemplate=hover))
+        named = ", ".join(f"{mark} {figure(place)} Hz" for mark, place in marks.items() if np.isfinite(place))
+        layout = {
+            "xaxis": axis("frequency [Hz]", type="log", dtick=1),
+            "yaxis": axis(f"density [{unit}²/Hz]", type="log", nticks=5, exponentformat="e"),
+        }
+        yield Plot(f"spectrum of the {name}; dashed: {named}", data, layout)

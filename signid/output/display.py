@@ -1,4 +1,4 @@
-"""Results as text of at most 40 lines and as compact HTML, from the tables of the commands."""
+"""Results in a Python session: text of at most 40 lines, HTML in notebooks, tables by name, saved models."""
 
 from __future__ import annotations
 
@@ -15,22 +15,21 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from ...errors import OutputError
-from ...model import stated_inertials
-from ...servos import SERVO_NUMBERS, SERVO_UNITS
-from ...types import Recording, Robot
-from ..report.documents import rms, tables as command_tables, to_json
-from ..report.layout import figure, heading, new_table, note_lines, paragraph, plural, share, with_interval
-from ..report.results.fleet import fleet_tables
-from ..report.results.identification import fit_rows
-from ..report.results.inspection import joint_table
-from ..report.results.laws import law_document
-from ..report.results.signs import signs_tables
-from ..report.write import write_files
-from .frames import frame_names
+from ..errors import OutputError
+from ..model import stated_inertials
+from ..servos import SERVO_NUMBERS, SERVO_UNITS
+from ..types import Recording, Robot
+from .frames import frame as frame, frame_names
+from .report.documents import rms, tables as command_tables, to_json
+from .report.layout import figure, heading, new_table, note_lines, paragraph, plural, share, with_interval
+from .report.quantities import law_document
+from .report.results.fleet import fleet_tables
+from .report.results.identification import fit_rows, joint_table
+from .report.results.signs import signs_tables
+from .report.write import write_files
 
 if TYPE_CHECKING:
-    from ...model import Model
+    from ..model import Model
 
 MAX_LINES, WIDTH = 40, 100  # lines, and characters per line, of a repr
 MIN_SECTION_LINES = 3  # lines that a shortened section keeps: blank line, heading, number of the others
@@ -93,16 +92,15 @@ def _shortened(sections: Sequence[Sequence[str]], most: int) -> list[str]:
     """At most `most` lines: side matters are cut, then the longest sections, finally the last ones."""
     limits = [len(section) for section in sections]
     if sum(limits) > most:
-        aside = ["".join(each[1:2]).startswith(SHORTENED_FIRST) for each in sections]  # headings below a blank line
+        aside = ["".join(lines[1:2]).startswith(SHORTENED_FIRST) for lines in sections]  # headings below a blank line
         limits = [min(n, MIN_SECTION_LINES) if small else n for n, small in zip(limits, aside, strict=True)]
     while sum(limits) > most and max(limits) > MIN_SECTION_LINES:
         limits[max(range(len(limits)), key=lambda k: (limits[k], k))] -= 1
-    lines = [line for section, limit in zip(sections, limits, strict=True) for line in _first_lines(section, limit)]
-    return lines if len(lines) <= most else [*lines[: most - 1], f"... and {len(lines) - most + 1} more lines"]
-
-
-def _first_lines(block: Sequence[str], limit: int) -> list[str]:
-    return list(block) if len(block) <= limit else [*block[: limit - 1], f"... and {len(block) - limit + 1} more lines"]
+    shown: list[str] = []
+    for section, limit in zip(sections, limits, strict=True):
+        hidden = len(section) - limit + 1
+        shown += section if len(section) <= limit else [*section[: limit - 1], f"... and {hidden} more lines"]
+    return shown if len(shown) <= most else [*shown[: most - 1], f"... and {len(shown) - most + 1} more lines"]
 
 
 def _element(block: RenderableType) -> str:
@@ -157,29 +155,23 @@ def _recording(recording: Recording) -> Renderables:
 
 
 def _model(model: Any) -> Renderables:
-    robot = model.robot
-    own = model.laws_beside_drives
-    title = f"{robot.name}: model of {plural(len(robot.links), 'link')} with {plural(len(own), 'law')}"
+    robot, laws, servos = model.robot, model.laws_beside_drives, model.servos
+    title = f"{robot.name}: model of {plural(len(robot.links), 'link')} with {plural(len(laws), 'law')}"
     bodies = new_table("link", "mass>", "stated>", "unit", "centre of mass [m]")
     for link, x, stated in zip(robot.links, model.inertials, stated_inertials(robot), strict=True):
         centre = ", ".join(figure(round(float(c), 9)) for c in x[1:4] / x[0]) if x[0] else "-"  # 1 nm: rounding
         bodies.add_row(link, figure(float(x[0])), figure(float(stated[0])), "kg", centre)
-    laws = new_table("law", "joint", "parameter", "value>", "unit")
-    for law in own:
+    numbers = new_table("law", "joint", "parameter", "value>", "unit")
+    for law in laws:
         entry = law_document(robot, law)
         for key, number in entry["parameters"].items() or [("", {"value": "", "unit": ""})]:
             value = figure(number["value"]) if isinstance(number["value"], float) else str(number["value"])
-            laws.add_row(entry["effect"], entry["joint"] or "(robot)", key, value, number["unit"])
-    parts = [heading(title, below=False), bodies, *([heading("Laws"), laws] if own else [])]
-    return [*parts, *(_drives(model.servos) if model.servos else [])]
-
-
-def _drives(servos: Any) -> Renderables:
-    """Position drives of a model; numbers that are zero or infinite everywhere are left out."""
+            numbers.add_row(entry["effect"], entry["joint"] or "(robot)", key, value, number["unit"])
     used = [name for name in SERVO_NUMBERS if any(0 < abs(getattr(x, name)) < inf for x in servos.values())]
     heads = [f"{name.replace('_', ' ')}\n[{SERVO_UNITS[name]}]>" for name in used]
     rows = ([joint, x.law, *(figure(getattr(x, name)) for name in used)] for joint, x in servos.items())
-    return [heading("Position drives"), new_table("joint", "law", *heads, rows=rows)]
+    drives = [heading("Position drives"), new_table("joint", "law", *heads, rows=rows)] if servos else []
+    return [heading(title, below=False), bodies, *([heading("Laws"), numbers] if laws else []), *drives]
 
 
 def _base(base: Any) -> Renderables:
@@ -223,15 +215,15 @@ def _roll_out(rolled: Any) -> Renderables:
     return [heading(title, below=False), table, *note_lines(rolled.notes)]
 
 
-def _validated(one: Any) -> Renderables:
-    rolled = [] if one.rollout is None else _roll_out(one.rollout)
-    return [heading(one.name, below=False), *_fit(one.fit), *rolled]
+def _validated(model: Any) -> Renderables:
+    rolled = [] if model.rollout is None else _roll_out(model.rollout)
+    return [heading(model.name, below=False), *_fit(model.fit), *rolled]
 
 
-def _validated_drives(one: Any) -> Renderables:
-    rows = zip(one.rollout.joints, map(figure, one.rollout.whole_rms), one.rollout.units, strict=True)
+def _validated_drives(model: Any) -> Renderables:
+    rows = zip(model.rollout.joints, map(figure, model.rollout.whole_rms), model.rollout.units, strict=True)
     table = new_table("joint", "rms of a whole recording>", "unit", rows=rows)
-    return [heading(f"{one.name}: closed loop from commands alone", below=False), table]
+    return [heading(f"{model.name}: closed loop from commands alone", below=False), table]
 
 
 def _simulation(simulation: Any) -> Renderables:

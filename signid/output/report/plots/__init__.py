@@ -1,1 +1,0 @@
-"""Plots of pages, and the pages that hold them."""
