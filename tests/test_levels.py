@@ -18,7 +18,7 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "servo": "__init__ given plant simulate fit search zeros identify validate diagnose compare",
     "diagnose": "data evidence result extend search findings detectable run __init__",
     "output": "__init__ geometry report replay viewers export display",
-    "output/export": "bodies formats shapes drives urdf mjcf actuators code vendor function loop __init__",
+    "output/export": "bodies formats drives urdf mjcf actuators code vendor function loop __init__",
     "output/report": "layout write documents quantities sections plots results __init__",
     "output/report/results": "__init__ laws recordings sentences signs simulation identification "
     "servo_identification check payload fleet inspection validation diagnosis servo_diagnosis",

@@ -7,10 +7,11 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from ...errors import RobotError, one_line, shorten
 from ...estimation.feasible import fit_consistent
@@ -71,6 +72,16 @@ def principal(parameters: Array) -> Principal | None:
 def quaternion(rotation: Array) -> Array:
     """Convert a rotation: (3, 3) [1] to a quaternion w x y z, (4,) [1]."""
     return np.roll(pin.Quaternion(rotation).normalized().coeffs(), 1)
+
+
+def words(numbers: ArrayLike) -> str:
+    """Format numbers as an attribute, with all digits."""
+    return " ".join(repr(float(x) + 0.0) for x in np.asarray(numbers, float))
+
+
+def pose_words(placement: Any) -> dict[str, str]:
+    """Position and orientation (pin.SE3) as attributes."""
+    return {"pos": words(placement.translation), "quat": words(quaternion(placement.rotation))}
 
 
 class PossibleBodies(NamedTuple):

@@ -10,8 +10,8 @@ import numpy as np
 from ...errors import OptionError, shorten
 from ...model import Model, with_servos
 from ...servos import PASSIVE_LAWS, SERVO_NUMBERS, Servo
+from .bodies import words
 from .formats import MAX_NAMES
-from .shapes import words
 
 DRIVE_STEP = 1e-4  # time step of an exported MJCF with drives: 1 mrad beside exact roll-outs, also saturated [s]
 NOTED_LAG_SHARE = 0.1  # share of the lag that damping has where it is not negligible

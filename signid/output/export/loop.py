@@ -21,8 +21,7 @@ from ...servo.plant.grid import command_speed, commands_at, held_before
 from ...servo.validate import prepared_model
 from ...servos import Servo, ServoGrid
 from ...types import Array, Frozen
-from .bodies import Exported
-from .shapes import words
+from .bodies import Exported, words
 
 _START_TEXT = """
 # Start of {name}: init_state=InitialStateCfg(**START). HELD are the commands in force before the first one

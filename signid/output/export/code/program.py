@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from typing import NamedTuple
@@ -176,36 +176,6 @@ def _coupled(graph: Graph, model: Model, q: Expressions) -> Expressions:
     units = np.array([graph.constant(x) for x in np.eye(len(q)).ravel()]).reshape(len(q), len(q))
     columns = [law_expressions(graph, model, {"q": q, "v": zero, "a": unit, "load": zero}) for unit in units]
     return np.array(columns).T
-
-
-@dataclass(frozen=True)
-class Language:
-    """Formats of a programming language."""
-
-    words: Mapping[str, str]  # of each operation, in its operands
-    variable: Callable[[str], str]  # text of an input such as "q[0]"
-    line: str  # in the name and the expression
-    comment: Callable[[str], str]  # line with a text
-
-
-def statements(program: Program, function: Function, language: Language) -> tuple[list[str], list[str]]:
-    """Lines that compute a function, one per operation, with comments, and the names or numbers of its outputs."""
-    graph, names, section = program.graph, dict[int, str](), ""
-    lines: list[str] = []
-    for number in graph.used(function.outputs):
-        operation, *inner = graph.nodes[number]
-        if operation == "variable":
-            names[number] = language.variable(inner[0])
-        elif operation == "constant":
-            names[number] = f"({inner[0]!r})" if inner[0] < 0 else repr(inner[0])
-        else:
-            if graph.sections[number] != section:
-                section = graph.sections[number]
-                lines.append(language.comment(section))
-            names[number] = f"t{number}"
-            words = language.words[operation].format(*(names[k] for k in inner))
-            lines.append(language.line.format(names[number], words))
-    return lines, [names[output.number] for output in function.outputs]
 
 
 class Frame(NamedTuple):

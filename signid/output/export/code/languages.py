@@ -1,19 +1,56 @@
-"""Export of inverse dynamics as C99 without dependencies, loops, branches on data or memory of its own."""
+"""Export of inverse dynamics as code: C99 without dependencies, and Python over NumPy, jax.numpy or torch.
+
+C has no loops, branches on data or memory of its own; the array namespaces of Python differentiate theirs.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from textwrap import fill
 
 from ....effects.naming import law_name
+from ....errors import one_line
 from ....model import Model, torque_model
 from ....version import __version__
 from ...report.layout import torque_units
-from ..bodies import Exported, c_comment, fixed_note
+from ..bodies import Exported, c_comment, fixed_note, in_docstring
 from ..formats import writable
+from .graph import UNARY
 from .observer import OBSERVER_TERMS, ObserverCode, observer_code, observer_terms
-from .program import FIXED_JOINTS_NOTE, Function, Language, Program, program_of, statements
+from .program import FIXED_JOINTS_NOTE, Function, Program, program_of
+
+
+@dataclass(frozen=True)
+class Language:
+    """Formats of a programming language."""
+
+    words: Mapping[str, str]  # of each operation, in its operands
+    variable: Callable[[str], str]  # text of an input such as "q[0]"
+    line: str  # in the name and the expression
+    comment: Callable[[str], str]  # line with a text
+
+
+def statements(program: Program, function: Function, language: Language) -> tuple[list[str], list[str]]:
+    """Lines that compute a function, one per operation, with comments, and the names or numbers of its outputs."""
+    graph, names, section = program.graph, dict[int, str](), ""
+    lines: list[str] = []
+    for number in graph.used(function.outputs):
+        operation, *inner = graph.nodes[number]
+        if operation == "variable":
+            names[number] = language.variable(inner[0])
+        elif operation == "constant":
+            names[number] = f"({inner[0]!r})" if inner[0] < 0 else repr(inner[0])
+        else:
+            if graph.sections[number] != section:
+                section = graph.sections[number]
+                lines.append(language.comment(section))
+            names[number] = f"t{number}"
+            words = language.words[operation].format(*(names[k] for k in inner))
+            lines.append(language.line.format(names[number], words))
+    return lines, [names[output.number] for output in function.outputs]
+
 
 _C_OPERATIONS = {
     "add": "{0} + {1}",
@@ -221,3 +258,57 @@ def _test(program: Program, name: str, stem: str, n: int, last: str) -> str:
     size = max(len(f.outputs) for f in program.functions)
     filled = {"STEM": stem, "SIZE": str(size), "COUNT": str(n)}
     return re.sub("|".join(filled), lambda found: filled[found[0]], _C_TEST).replace("CALLS\n", further + calls + last)
+
+
+_ARRAYS = {
+    "add": "{0} + {1}",
+    "subtract": "{0} - {1}",
+    "multiply": "{0} * {1}",
+    "divide": "{0} / {1}",
+    "negate": "-{0}",
+    "greater": "1.0 * ({0} > {1})",
+    "where": "xp.where({0} != 0, {1}, {2})",
+    "power": "{0} ** {1}",
+    "minimum": "xp.clip({0}, None, {1})",
+    "maximum": "xp.clip({0}, {1}, None)",
+    **{name: f"xp.{name}({{0}})" for name in UNARY},
+    "arctan2": "xp.arctan2({0}, {1})",
+}
+_PYTHON = Language(_ARRAYS, lambda x: x.replace("[", "[..., "), "    {} = {}", lambda text: f"    # {one_line(text)}")
+_ARRAY_HEAD = '''"""Dynamics of {name}, written by signid {version}, over an array namespace.
+
+Every function takes arrays (..., {n}) in the order of JOINTS [rad or m, per s, per s2]; torques are in UNITS.
+xp: numpy (default), jax.numpy or torch; derivatives hold wherever dry friction is smooth.
+"""
+
+import numpy
+
+JOINTS = {joints!r}
+UNITS = {units!r}
+'''
+
+
+def write_arrays(model: Model) -> Exported:
+    """Write inverse dynamics, gravity, laws and the mass matrix as Python functions over an array namespace."""
+    program, robot = program_of(model), model.robot
+    head = _ARRAY_HEAD.format(
+        name=in_docstring(robot.name),
+        version=__version__,
+        n=len(robot.joints),
+        joints=tuple(robot.joints),
+        units=tuple(torque_units(robot)),
+    )
+    functions = "".join(_array_definition(program, function, len(robot.joints)) for function in program.functions)
+    return Exported(head + functions, tuple(fixed_note(robot, FIXED_JOINTS_NOTE)))
+
+
+def _array_definition(program: Program, function: Function, n: int) -> str:
+    lines, outputs = statements(program, function, _PYTHON)
+    first = function.arguments[0]
+    rows = ", ".join(f"{x} + zero" for x in outputs)
+    shape = f".reshape((*{first}.shape[:-1], {n}, {n}))" if len(outputs) != n else ""
+    return (
+        f"\n\ndef {function.name}({', '.join(function.arguments)}, xp=numpy):\n"
+        f'    """{function.meaning[:1].upper()}{function.meaning[1:]}."""\n'
+        f"    zero = 0.0 * {first}[..., 0]\n" + "\n".join([*lines, f"    return xp.stack([{rows}], -1){shape}"]) + "\n"
+    )
