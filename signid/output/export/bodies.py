@@ -1,4 +1,4 @@
-"""Physically consistent bodies of a model in principal axes, as MuJoCo requires."""
+"""Bodies of a model in principal axes, as MuJoCo requires, and what writers share: comments, numbers as text."""
 
 from __future__ import annotations
 
@@ -127,10 +127,10 @@ def _exchanged(model: Model) -> Array | None:
     value = base.combination @ model.whole_inertials().ravel()
     size = np.maximum(np.abs(value), 1e-3 * np.abs(value).max(initial=1e-9))
     known = Estimate(value, np.diag((size / _EXACT_RATIO) ** 2), np.diag((_EXACT_RATIO / size) ** 2), np.zeros(0), ())
-    found = fit_consistent(base, known, Parameters(base.labels, stated_inertials(model.robot).ravel()))
-    if not found.feasible_without_moving:
+    fit = fit_consistent(base, known, Parameters(base.labels, stated_inertials(model.robot).ravel()))
+    if not fit.feasible_without_moving:
         return None
-    near = found.parameters.values
+    near = fit.parameters.values
     exact = Parameters(base.labels, near + least_squares(base.combination, value - base.combination @ near))
     return exact.bodies() if exact.is_feasible() else None
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
 from itertools import count
 from pathlib import Path
 from types import MappingProxyType
@@ -73,9 +72,13 @@ def write_mjcf(
     from lxml import etree
 
     robot, bodies = model.robot, possible_bodies(model)
-    shapes, placed = read_shapes(robot, package_dirs), _body_places(robot)
+    shapes, placed = _Shapes(robot, package_dirs), _body_places(robot)
     files = {} if meshes is None else copied(shapes.meshes, meshes)
-    ties = _ties(robot, placed)
+    ties, leading = [], {own_row(robot, j) for j in range(len(robot.joints))}
+    for row, joint in ((row, joint) for place in placed for row, joint in place.joints.items() if row not in leading):
+        for j in np.flatnonzero(robot.drive[row])[:1]:  # position = offset + scale * position of the leader
+            polynomial = words([robot.rest[row], robot.drive[row, j], 0, 0, 0])
+            ties.append({"joint1": joint["name"], "joint2": robot.joints[j], "polycoef": polynomial})
     root = etree.Element("mujoco", model=robot.name)
     _add(root, "compiler", {"angle": "radian", "autolimits": "true"})
     gravity = robot.model.gravity if floating else model.bodies().gravity
@@ -121,13 +124,20 @@ def _trunk(world: Any, robot: Robot) -> Any:
             f"the base of {robot.name} {what}, so it cannot float; state its inertial in the description, or export "
             f"with a fixed base"
         )
-    node = _add(world, "body", {"name": _name(robot)})
+    name = "trunk"  # of a base link that the description does not name, or whose name is taken
+    if robot.kind == "urdf":
+        root: Any = parse(robot.document)
+        below = {node.get("link") for joint in children(root, "joint") for node in children(joint, "child")}
+        name = next((str(x.get("name")) for x in children(root, "link") if x.get("name") not in below), name)
+    while name in (*robot.links, "world", ""):
+        name += "_"
+    node = _add(world, "body", {"name": name})
     _add(node, "freejoint")
     _add(node, "inertial", _inertial(body))
     return node
 
 
-def _tree(world: Any, model: Model, shapes: Shapes, bodies: PossibleBodies, placed: Sequence[_Place]) -> None:
+def _tree(world: Any, model: Model, shapes: _Shapes, bodies: PossibleBodies, placed: Sequence[_Place]) -> None:
     robot, nodes = model.robot, [world]
     for tag, entry in shapes.at.get(0, ()):
         _add(world, tag, entry)
@@ -159,7 +169,7 @@ def _inertial(body: Principal) -> dict[str, str]:
 
 
 def _joint(model: Model, name: str) -> dict[str, str]:
-    """Range and laws of a joint; nothing for mimic joints."""
+    """Range, friction, armature, spring and cable of a joint as attributes; nothing for mimic joints."""
     robot, stated = model.robot, dict[str, str]()
     if name not in robot.joints:
         return stated
@@ -167,7 +177,16 @@ def _joint(model: Model, name: str) -> dict[str, str]:
     ends = robot.lower[j], robot.upper[j]
     if np.isfinite(ends).all():
         stated["range"] = words(ends)
-    stated |= _joint_laws(model, name)
+    sums = {key: float(np.nan_to_num(summed(model, effect)[j])) for key, effect in _PASSIVE_ATTRIBUTES.items()}
+    stated |= {key: repr(value) for key, value in sums.items() if value > 0}
+    spring, rest = stiffness(model).get(j, (0.0, 0.0))
+    stated |= {"stiffness": repr(spring), "springref": repr(rest)} if spring > 0 else {}
+    for law in (law for law in held(model, "mjcf") if law.joints == (j,)):
+        if law.effect.name == "quadratic_friction":
+            stated["damping"] = words([max(sums["damping"], 0.0), summed(model, law.effect.name)[j]])
+        if law.effect.name == "cable_torque":
+            stated["stiffness"] = words([max(spring, 0.0), 0.0, law.parameters["cubic"]])
+            stated["springref"] = repr(float(law.parameters["centre"]))
     return stated | (mjcf_joint(model.servos[name]) if name in model.servos else {})
 
 
@@ -187,8 +206,15 @@ def _actuators(group: Any, model: Model) -> None:
         made = [("general", motor | less) if offset else ("motor", motor)]
         for tag, entry in mjcf_actuators(joint, model.servos[joint]) if joint in model.servos else made:
             _add(group, tag, entry)
-    for passive in _passive_actuators(model):
-        _add(group, "dcmotor", passive)
+    for k, law in enumerate(held(model, "mjcf")):  # a torque that is a sine of the position, and presliding friction
+        name, p, joint = law.effect.name, law.parameters, model.robot.joints[law.joints[0]]
+        line = {"name": f"{joint}_{name}_{k}", "joint": joint, **_NO_MOTOR}
+        if name in ("counterbalance", "torque_ripple"):
+            cogging = words([-p["amplitude"], p.get("frequency", 1.0), p["phase"]])
+            _add(group, "dcmotor", {**line, "cogging": cogging})
+        elif name == "presliding_friction":
+            lugre = words([p["level"] / p["distance"], 0, p["level"], p["level"], 1])
+            _add(group, "dcmotor", {**line, "lugre": lugre})
 
 
 def _notes(model: Model, ties: Sequence[Mapping[str, str]], bodies: PossibleBodies, floating: bool) -> list[str]:
@@ -200,10 +226,20 @@ def _notes(model: Model, ties: Sequence[Mapping[str, str]], bodies: PossibleBodi
     if half := [joint for joint, low, high in ends if low != high]:
         notes.append(f"an MJCF cannot hold a range with one end: {', '.join(half)}")
     if ties:
-        each = ", ".join(f"{tie['joint1']} of {tie['joint2']}" for tie in ties)
-        notes.append(f"mimic joints are equality constraints, which are slightly compliant in MuJoCo: {each}")
+        pairs = ", ".join(f"{tie['joint1']} of {tie['joint2']}" for tie in ties)
+        notes.append(f"mimic joints are equality constraints, which are slightly compliant in MuJoCo: {pairs}")
     notes += [*mjcf_notes(model), *(say for say, laws in _NOTES.items() if _effects(model) & set(laws)), *bodies.notes]
-    notes += trunk_notes(model, bodies) if floating else []
+    if floating:
+        notes.append("the trunk floats on a free joint, with the mass that the description states")
+        trunk = float(robot.model.inertias[0].mass)
+        mass = trunk + sum(body.mass for body in (*bodies.links, *(body for _, body in bodies.loads)))
+        stated = float(sum(body.mass for body in robot.model.inertias))
+        if abs(mass - stated) > NOTED_MASS_DIFFERENCE * stated:
+            notes.append(f"the floating robot has {mass:.4g} kg, {stated:.4g} kg in the description")
+        if model.covariance is not None:
+            notes.append(
+                "a fixed base does not identify all inertials that a floating one feels; those are of the description"
+            )
     if empty := [link for link, body in zip(robot.links, bodies.links, strict=True) if body.mass <= MIN_MASS]:
         notes.append(f"massless links get {MIN_MASS:g} kg, since MuJoCo rejects zero mass: {', '.join(empty)}")
     return notes
@@ -213,10 +249,14 @@ def _body_places(robot: Robot) -> list[_Place]:
     """List the bodies of the model; held joints are part of the pose of their body."""
     at_zero = configuration(robot, np.zeros(len(robot.joints)))
     leaders = {own_row(robot, j): name for j, name in enumerate(robot.joints)}
-    found = []
+    places = []
     for i in range(1, robot.model.njoints):
         pose, frames = robot.model.jointPlacements[i], []
-        for joint, before in _parts(robot.model.joints[i]):
+        parts = [(robot.model.joints[i], pin.SE3.Identity())]
+        if parts[0][0].shortname() == "JointModelComposite" and is_plain(parts[0][0]):
+            composite = parts[0][0].extract()
+            parts = list(zip(composite.joints, composite.jointPlacements, strict=True))
+        for joint, before in parts:
             pose = pose * before
             state = joint.createData()
             joint.calc(state, at_zero)
@@ -225,81 +265,18 @@ def _body_places(robot: Robot) -> list[_Place]:
             else:
                 pose = pose * state.M
         name = str(robot.model.names[i])
-        joints = {row: _axis(leaders.get(row, name), pose.actInv(frame), axis) for row, frame, axis in frames}
-        found.append(_Place(int(robot.model.parents[i]), pose, joints))
-    return found
-
-
-def _axis(name: str, frame: Any, motion: Array) -> dict[str, str]:
-    slide = bool(np.any(motion[:3]))
-    axis = words(frame.rotation @ (motion[:3] if slide else motion[3:]))
-    stated = {"name": name, "type": "slide" if slide else "hinge", "axis": axis}
-    return stated | ({"pos": words(frame.translation)} if np.any(frame.translation) else {})
-
-
-def _ties(robot: Robot, placed: Sequence[_Place]) -> list[dict[str, str]]:
-    """Equality constraints of mimic joints: position = offset + scale * position of the leader."""
-    own, ties = {own_row(robot, j) for j in range(len(robot.joints))}, []
-    for row, joint in ((row, joint) for place in placed for row, joint in place.joints.items() if row not in own):
-        for j in np.flatnonzero(robot.drive[row])[:1]:
-            polynomial = words([robot.rest[row], robot.drive[row, j], 0, 0, 0])
-            ties.append({"joint1": joint["name"], "joint2": robot.joints[j], "polycoef": polynomial})
-    return ties
-
-
-def _parts(joint: Any) -> list[tuple[Any, Any]]:
-    """Parts of a composite joint with their relative placements, or the joint itself."""
-    if joint.shortname() != "JointModelComposite" or not is_plain(joint):
-        return [(joint, pin.SE3.Identity())]
-    whole = joint.extract()
-    return list(zip(whole.joints, whole.jointPlacements, strict=True))
-
-
-def trunk_notes(model: Model, bodies: PossibleBodies) -> list[str]:
-    """Notes on a floating trunk."""
-    notes = ["the trunk floats on a free joint, with the mass that the description states"]
-    trunk = float(model.robot.model.inertias[0].mass)
-    mass = trunk + sum(body.mass for body in (*bodies.links, *(body for _, body in bodies.loads)))
-    stated = float(sum(body.mass for body in model.robot.model.inertias))
-    if abs(mass - stated) > NOTED_MASS_DIFFERENCE * stated:
-        notes.append(f"the floating robot has {mass:.4g} kg, {stated:.4g} kg in the description")
-    if model.covariance is not None:
-        notes.append(
-            "a fixed base does not identify all inertials that a floating one feels; those are of the description"
-        )
-    return notes
-
-
-def _name(robot: Robot) -> str:
-    """Name of the base link; "trunk" if the description has none or it is taken."""
-    name = "trunk"
-    if robot.kind == "urdf":
-        root: Any = parse(robot.document)
-        below = {node.get("link") for joint in children(root, "joint") for node in children(joint, "child")}
-        name = next((str(x.get("name")) for x in children(root, "link") if x.get("name") not in below), name)
-    while name in (*robot.links, "world", ""):
-        name += "_"
-    return name
+        joints = dict[int, dict[str, str]]()
+        for row, where, motion in frames:
+            frame, slide = pose.actInv(where), bool(np.any(motion[:3]))
+            axis = words(frame.rotation @ (motion[:3] if slide else motion[3:]))
+            joints[row] = {"name": leaders.get(row, name), "type": "slide" if slide else "hinge", "axis": axis}
+            joints[row] |= {"pos": words(frame.translation)} if np.any(frame.translation) else {}
+        places.append(_Place(int(robot.model.parents[i]), pose, joints))
+    return places
 
 
 def _effects(model: Model) -> set[str]:
     return {law.effect.name for law in held(model, "mjcf")}
-
-
-def _joint_laws(model: Model, joint: str) -> dict[str, str]:
-    """Attributes of a joint by the laws that an MJCF holds there: friction, armature, spring and cable."""
-    j = model.robot.index(joint)
-    sums = {key: float(np.nan_to_num(summed(model, effect)[j])) for key, effect in _PASSIVE_ATTRIBUTES.items()}
-    stated = {key: repr(value) for key, value in sums.items() if value > 0}
-    spring, rest = stiffness(model).get(j, (0.0, 0.0))
-    stated |= {"stiffness": repr(spring), "springref": repr(rest)} if spring > 0 else {}
-    for law in (law for law in held(model, "mjcf") if law.joints == (j,)):
-        if law.effect.name == "quadratic_friction":
-            stated["damping"] = words([max(sums["damping"], 0.0), summed(model, law.effect.name)[j]])
-        if law.effect.name == "cable_torque":
-            stated["stiffness"] = words([max(spring, 0.0), 0.0, law.parameters["cubic"]])
-            stated["springref"] = repr(float(law.parameters["centre"]))
-    return stated
 
 
 def _gear(model: Model, joint: str) -> dict[str, str]:
@@ -318,45 +295,6 @@ def _gear(model: Model, joint: str) -> dict[str, str]:
     return {}
 
 
-def _passive_actuators(model: Model) -> Iterator[dict[str, str]]:
-    """A dcmotor for each torque that is a sine of the position, and for presliding friction."""
-    for k, law in enumerate(held(model, "mjcf")):
-        name, p = law.effect.name, law.parameters
-        line = {"joint": model.robot.joints[law.joints[0]]}
-        line = {"name": f"{line['joint']}_{name}_{k}", **line, **_NO_MOTOR}
-        if name in ("counterbalance", "torque_ripple"):
-            yield {**line, "cogging": words([-p["amplitude"], p.get("frequency", 1.0), p["phase"]])}
-        elif name == "presliding_friction":
-            yield {**line, "lugre": words([p["level"] / p["distance"], 0, p["level"], p["level"], 1])}
-
-
-@dataclass(frozen=True)
-class Shapes:
-    """Meshes, and geoms and sites of fixed links by the model's joints (0: world)."""
-
-    meshes: list[dict[str, str]] = field(default_factory=list)
-    at: dict[int, list[tuple[str, dict[str, str]]]] = field(default_factory=dict)
-    notes: list[str] = field(default_factory=list)
-
-
-def read_shapes(robot: Robot, package_dirs: Sequence[str | Path]) -> Shapes:
-    """Read the visual shapes of the URDF, or the collision shapes if MuJoCo cannot read the former."""
-    if robot.kind != "urdf":
-        return Shapes(notes=["shapes, actuators and sensors of the original MJCF are left out"])
-    found, root = Shapes(), parse(robot.document)
-    reader = _Reader(robot.path, package_dirs, root, found.meshes)
-    links = {link.get("name"): link for link in children(root, "link")}
-    for frame in (x for x in robot.model.frames if x.type == pin.FrameType.BODY and x.name in links):
-        here = found.at.setdefault(int(frame.parentJoint), [])
-        if frame.parentJoint and frame.name not in robot.links:
-            here.append(("site", {"name": str(frame.name), **pose_words(frame.placement)}))
-        here += [("geom", geom) for geom in reader.geoms(links[frame.name], frame.placement)]
-    if reader.missing:
-        missing = shorten(reader.missing)
-        found.notes.append(f"no shapes for {missing}: their meshes are missing or not readable by MuJoCo")
-    return found
-
-
 def copied(meshes: list[dict[str, str]], folder: str) -> dict[str, Path]:
     """Refer to meshes by names below a folder beside the MJCF; return the sources by these names."""
     names: dict[str, str] = {}  # path below the folder, by source
@@ -371,21 +309,34 @@ def copied(meshes: list[dict[str, str]], folder: str) -> dict[str, Path]:
     return {name: Path(source) for source, name in names.items()}
 
 
-class _Reader:
-    """Reader of link geometry that collects meshes."""
+class _Shapes:
+    """Meshes, and geoms and sites of fixed links by the model's joints (0: world), of the URDF.
 
-    def __init__(self, path: str, package_dirs: Sequence[str | Path], root: Any, meshes: list[dict[str, str]]) -> None:
-        self.path, self.package_dirs, self.meshes = path, package_dirs, meshes
-        self.colours = {m.get("name"): m for m in children(root, "material")}
-        self.missing: list[str] = []
+    The shapes are the visual ones, or those for collisions if MuJoCo cannot read the former.
+    """
 
-    def geoms(self, link: Any, placement: Any) -> list[dict[str, str]]:
-        """Geoms of a link in the frame of its joint."""
-        stated = [[self._geom(x, placement) for x in children(link, tag)] for tag in ("visual", "collision")]
-        shown = next((kind for kind in stated if kind and all(kind)), next((kind for kind in stated if any(kind)), []))
-        if any(stated) and not any(shown):
-            self.missing.append(str(link.get("name")))
-        return [geom for geom in shown if geom]
+    def __init__(self, robot: Robot, package_dirs: Sequence[str | Path]) -> None:
+        self.path, self.package_dirs = robot.path, package_dirs
+        self.meshes, self.notes = list[dict[str, str]](), list[str]()
+        self.at = dict[int, list[tuple[str, dict[str, str]]]]()
+        if robot.kind != "urdf":
+            self.notes.append("shapes, actuators and sensors of the original MJCF are left out")
+            return
+        root, missing = parse(robot.document), list[str]()
+        self.colours = {material.get("name"): material for material in children(root, "material")}
+        links = {link.get("name"): link for link in children(root, "link")}
+        for frame in (x for x in robot.model.frames if x.type == pin.FrameType.BODY and x.name in links):
+            here, link = self.at.setdefault(int(frame.parentJoint), []), links[frame.name]
+            if frame.parentJoint and frame.name not in robot.links:
+                here.append(("site", {"name": str(frame.name), **pose_words(frame.placement)}))
+            kinds = [[self._geom(x, frame.placement) for x in children(link, tag)] for tag in ("visual", "collision")]
+            whole = next((geoms for geoms in kinds if geoms and all(geoms)), None)
+            shown = next((geoms for geoms in kinds if any(geoms)), []) if whole is None else whole
+            here += [("geom", geom) for geom in shown if geom]
+            if any(kinds) and not any(shown):
+                missing.append(str(frame.name))
+        if missing:
+            self.notes.append(f"no shapes for {shorten(missing)}: their meshes are missing or not readable by MuJoCo")
 
     def _geom(self, element: Any, placement: Any) -> dict[str, str]:
         """Geom of an element; empty if MuJoCo has none for it."""

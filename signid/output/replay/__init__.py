@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...errors import OptionError
-from ...model import Model, ModelSource, as_model
+from ...model import ModelSource, as_model
 from ...recording import as_recording, need_torque
 from ...recording.sampling import time_origin
 from ...recording.source import Source
 from ...simulation.rollout.run import restrict_joints
 from ...typed import typed
 from ...types import Array, Recording, Robot, Table
-from .marks import ReplayFindings, headline, marks, read_found
+from .marks import headline, marks, read_found
 from .page import Live, Replay
 from .shapes import look, reach
 from .track import commands_only, follow_commands, movers, poses, track_of, with_drives
@@ -73,13 +73,22 @@ def replay(
     shown = part(recording, start, DEFAULT_MAX_DURATION if duration is None else duration)
     cut = duration is None and len(shown) < len(recording)
     notes = [f"{len(shown)} of {len(recording)} rows are shown"] if cut else []
-    found = None if diagnosis is None else read_found(diagnosis)
-    given = [model] if found is None else [model, found.after]
-    _check_same(model, found)
-    models, more = zip(*(with_drives(x, shown) if drives else restrict_joints(x, [shown]) for x in given), strict=True)
+    findings = None if diagnosis is None else read_found(diagnosis)
+    simulations = [model] if findings is None else [model, findings.after]
+    if findings is not None:
+        diagnosed = findings.after.robot
+        lacking = [joint for joint in diagnosed.joints if joint not in model.robot.joints]
+        if diagnosed.model.njoints != model.robot.model.njoints or lacking:
+            raise OptionError(
+                f"the diagnosis is of {diagnosed.name} with {', '.join(diagnosed.joints)}, not of {model.robot.name}; "
+                f"give the simulation that was diagnosed"
+            )
+    models, more = zip(
+        *(with_drives(x, shown) if drives else restrict_joints(x, [shown]) for x in simulations), strict=True
+    )
     robot: Robot = models[0].robot
     seen, far = look(robot, package_dirs), reach(robot)
-    marked = [] if found is None else marks(found, far, time_origin(recording))
+    marked = [] if findings is None else marks(findings, far, time_origin(recording))
     bodies = sorted({*seen.bodies, *(mark.body for mark in marked)})
     span = shown.read(len(shown) - 1).t[0] - shown.read(0, 1).t[0]
     slow = MAX_POSES / (len(bodies) * (1 + drives + len(models)) * max(float(span), 1e-9))
@@ -99,12 +108,12 @@ def replay(
         commanded=None if wanted is None else poses(robot, np.where(np.isnan(wanted), track.recorded, wanted), bodies),
         simulated=np.stack([poses(robot, q, bodies) for q in track.simulated]),
         marks=tuple(marked),
-        verdict="" if found is None else found.verdict,
-        headline="" if found is None else headline(found),
+        verdict="" if findings is None else findings.verdict,
+        headline="" if findings is None else headline(findings),
         horizon=horizon,
         reach=far,
         origin=time_origin(recording),
-        notes=tuple(dict.fromkeys((*notes, *seen.notes, *(note for each in more for note in each)))),
+        notes=tuple(dict.fromkeys((*notes, *seen.notes, *(note for further in more for note in further)))),
     )
 
 
@@ -120,17 +129,6 @@ def _check(recording: Recording, drives: bool, horizon: float | None, fps: float
         raise OptionError(
             f"the torque of {', '.join(unsigned)} has no sign and cannot drive a simulation; "
             f"give the signed.csv that `signid identify` or `signid diagnose` writes"
-        )
-
-
-def _check_same(model: Model, found: ReplayFindings | None) -> None:
-    if found is None:
-        return
-    lacking = [joint for joint in found.after.robot.joints if joint not in model.robot.joints]
-    if found.after.robot.model.njoints != model.robot.model.njoints or lacking:
-        raise OptionError(
-            f"the diagnosis is of {found.after.robot.name} with {', '.join(found.after.robot.joints)}, "
-            f"not of {model.robot.name}; give the simulation that was diagnosed"
         )
 
 

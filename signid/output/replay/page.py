@@ -64,7 +64,13 @@ class Replay(Frozen):
         blob = _Blob()
         content = _content(self, blob)
         player = "\n".join(['"use strict";', *((PAGE_FOLDER / name).read_text(encoding="utf-8") for name in SCRIPTS)])
-        viewer = _viewer()
+        spec = find_spec("meshcat")  # whose viewer is read without importing it
+        path = Path(str(spec.origin)).parent / "viewer" / "dist" / "main.min.js" if spec and spec.origin else None
+        if path is None or not path.is_file():
+            raise OptionError(
+                "the package meshcat, whose viewer the page contains, is not installed; pip install meshcat"
+            )
+        viewer = path.read_text(encoding="utf-8").replace("</script", "<\\/script")
         filled = {
             "POLICY": content_policy([viewer, player]),
             "TITLE": escape(self.title),
@@ -124,7 +130,14 @@ class _Blob:
 
 
 def _content(replay: Replay, blob: _Blob) -> dict[str, Any]:
-    track, robot = replay.track, replay.robot
+    track, robot, bodies = replay.track, replay.robot, list[dict[str, Any]]()
+    size, units = np.abs(track.residual[0]), torque_units(robot) if track.command is None else position_units(robot)
+    scale = {unit: _round(size[:, np.array(units) == unit]) for unit in dict.fromkeys(units)}
+    outline = blob.put(_outline(replay), "f4")
+    for body, joint in zip(replay.bodies, replay.movers, strict=True):
+        bodies.append({"body": body, "joint": joint, "name": str(robot.model.names[body])})
+        if shape := replay.look.bodies.get(body):
+            bodies[-1] |= {"vertices": blob.put(shape.vertices, "f4"), "faces": blob.put(shape.faces, "u4")}
     return {
         "title": replay.title,
         "robot": robot.name,
@@ -133,7 +146,7 @@ def _content(replay: Replay, blob: _Blob) -> dict[str, Any]:
         "notes": list(replay.notes),
         "horizon": replay.horizon,
         "reach": replay.reach,
-        "outline": blob.put(_outline(replay), "f4"),
+        "outline": outline,
         "period": float(track.t[1] - track.t[0]) if len(track.t) > 1 else 1.0,
         "start": float(track.t[0]),
         "frames": len(track.t),
@@ -141,11 +154,11 @@ def _content(replay: Replay, blob: _Blob) -> dict[str, Any]:
         "joints": [
             {"name": name, "unit": unit, "length": length, "torque": size if np.isfinite(size) else None}
             for name, unit, length, size in zip(
-                robot.joints, _units(replay), position_units(robot), track.torque.tolist(), strict=True
+                robot.joints, units, position_units(robot), track.torque.tolist(), strict=True
             )
         ],
-        "scale": _scale(replay),
-        "bodies": [_body(replay, k, blob) for k in range(len(replay.bodies))],
+        "scale": {**scale, "share": _round(size / track.torque)},  # ends of the colours, by unit and of the rms
+        "bodies": bodies,
         "recorded": blob.put(replay.recorded, "f4"),
         "simulated": [blob.put(poses, "f4") for poses in replay.simulated],
         "window": blob.put(track.window, "i2" if track.window.max(initial=0) < 2**15 else "u4"),
@@ -160,18 +173,6 @@ def _content(replay: Replay, blob: _Blob) -> dict[str, Any]:
     }
 
 
-def _units(replay: Replay) -> list[str]:
-    """Unit of the residual of each joint."""
-    return position_units(replay.robot) if replay.track.command is not None else torque_units(replay.robot)
-
-
-def _body(replay: Replay, k: int, blob: _Blob) -> dict[str, Any]:
-    body = replay.bodies[k]
-    shape = replay.look.bodies.get(body)
-    entry: dict[str, Any] = {"body": body, "joint": replay.movers[k], "name": str(replay.robot.model.names[body])}
-    return entry | ({"vertices": blob.put(shape.vertices, "f4"), "faces": blob.put(shape.faces, "u4")} if shape else {})
-
-
 def _outline(replay: Replay) -> Any:
     """Outermost points of the recorded robot, (k, 3) [m], for the choice of the view."""
     corners = []
@@ -179,7 +180,9 @@ def _outline(replay: Replay) -> Any:
         k = replay.bodies.index(body)
         box = np.array(list(product(*zip(shape.vertices.min(axis=0), shape.vertices.max(axis=0), strict=True))))
         place = replay.recorded[:: max(1, len(replay.recorded) // OUTLINE_POSES), k]
-        corners.append((_rotated(place[:, None, 3:], box) + place[:, None, :3]).reshape(-1, 3))
+        along, w = place[:, None, 3:6], place[:, None, 6:]
+        twice = 2 * np.cross(along, box)
+        corners.append((box + w * twice + np.cross(along, twice) + place[:, None, :3]).reshape(-1, 3))
     points = np.concatenate(corners)
     height = np.linspace(-1, 1, OUTLINE_DIRECTIONS)  # directions on a spiral around a sphere
     turn = np.pi * (1 + 5**0.5) * np.arange(OUTLINE_DIRECTIONS)
@@ -188,35 +191,12 @@ def _outline(replay: Replay) -> Any:
     return points[np.unique(np.argmax(points @ ways.T, axis=0))]
 
 
-def _rotated(quaternion: Any, points: Any) -> Any:
-    along, w = quaternion[..., :3], quaternion[..., 3:]
-    twice = 2 * np.cross(along, points)
-    return points + w * twice + np.cross(along, twice)
-
-
-def _scale(replay: Replay) -> dict[str, float]:
-    """Rounded ends of the colour scale, per torque unit and for the share of each joint's torque."""
-    size = np.abs(replay.track.residual[0])
-    units = np.array(_units(replay))
-    found = {unit: _round(size[:, units == unit]) for unit in dict.fromkeys(units.tolist())}
-    return {**found, "share": _round(size / replay.track.torque)}
-
-
 def _round(size: Any) -> float:
     """Round up a high quantile of the values to 1, 2, 5, 10, ..."""
     known = size[np.isfinite(size)]
     top = float(np.quantile(known, COLOUR_SCALE_QUANTILE)) if len(known) else 1.0
     power = 10.0 ** np.floor(np.log10(top)) if top > 0 else 1.0
     return float(next(power * step for step in (1, 2, 5, 10) if power * step >= top * (1 - 1e-9)))
-
-
-def _viewer() -> str:
-    """Meshcat's viewer, read from its package without importing it."""
-    spec = find_spec("meshcat")
-    path = Path(str(spec.origin)).parent / "viewer" / "dist" / "main.min.js" if spec and spec.origin else None
-    if path is None or not path.is_file():
-        raise OptionError("the package meshcat, whose viewer the page contains, is not installed; pip install meshcat")
-    return path.read_text(encoding="utf-8").replace("</script", "<\\/script")
 
 
 class Live:

@@ -23,7 +23,6 @@ from ...robot.dynamics import joint_of_row, own_row
 from ...servo import plant
 from ...servo.given import stated_servos
 from ...servo.simulate import registered
-from ...servos import ServoGrid
 from ...simulation.rollout import roll_out
 from ...simulation.rollout.run import restrict_joints
 from ...types import Array, Frozen, Indices, Mask, Recording, Robot
@@ -66,6 +65,8 @@ def track_of(models: Sequence[Model], recording: Recording, window: float, rate:
     Raises:
         RecordingError: the recording cannot be used, or is shorter than a window.
     """
+    from scipy.ndimage import convolve1d
+
     read = surveyed(recording, models[0].robot)
     sampling, measured = read.sampling, read.measured
     known = [samples(recording, sampling, span, 0, sampling.length(span)) for span in sampling.spans]
@@ -75,15 +76,22 @@ def track_of(models: Sequence[Model], recording: Recording, window: float, rate:
     strayed = [_window_errors(read, models[k], models[k - 1], window, t) for k in range(len(models))]
     error, apart, windows = zip(*strayed, strict=True)
     torque = np.concatenate([x.tau for x in known])
-    shown, residual = _torque(read, models, t, rate)
+    taps = lowpass(1 / sampling.period, min(read.band.cutoff, DISPLAY_CUTOFF_SHARE * rate))
+    shown = np.full((1 + len(models), *recorded.shape), np.nan)  # measured torque and residuals, for display
+    for motion, predicted in predictions(read, models):
+        assert motion.recorded is not None, "a recording has torque"
+        inside = (t >= motion.t[0]) & (t <= motion.t[-1])
+        for row, x in enumerate((motion.recorded, *(motion.recorded - part for part in predicted))):
+            calm = convolve1d(x, taps, axis=0, mode="mirror") if len(taps) > 1 else x
+            shown[row, inside] = at_times(t[inside], motion.t, calm)
     return Track(
         t=t,
         recorded=recorded,
         simulated=recorded + np.stack(error),
         apart=np.stack(apart),
         window=windows[0],
-        measured=shown,
-        residual=residual,
+        measured=shown[0],
+        residual=shown[1:],
         torque=np.where(measured, np.sqrt(np.mean(np.where(measured, torque, 0.0) ** 2, axis=0)), np.nan),
     )
 
@@ -105,16 +113,16 @@ def _window_errors(read: Surveyed, model: Model, other: Model, window: float, t:
     A diverged joint keeps its last position unless all joints diverged.
     """
     count = int(np.ceil(read.sampling.duration / window))  # enough that roll-outs do not leave gaps
-    found = roll_out(model, read.recording, (window,), windows=count, band=read.band, step=MAX_TIME_STEP, beside=other)
-    which = np.searchsorted(found.start, t, side="right") - 1
-    age = t - found.start[which]
-    which = np.where((which >= 0) & (age <= found.t[-1] + read.sampling.period), which, -1)
+    rolled = roll_out(model, read.recording, (window,), windows=count, band=read.band, step=MAX_TIME_STEP, beside=other)
+    which = np.searchsorted(rolled.start, t, side="right") - 1
+    age = t - rolled.start[which]
+    which = np.where((which >= 0) & (age <= rolled.t[-1] + read.sampling.period), which, -1)
     measured = read.measured
     error, apart = np.full((len(t), len(measured)), np.nan), np.zeros(len(t), dtype=bool)
-    ages = np.concatenate([[0.0], found.t])
+    ages = np.concatenate([[0.0], rolled.t])
     for w in np.unique(which[which >= 0]):
         frames = which == w
-        path = np.concatenate([np.zeros((1, len(measured))), np.where(measured, found.error[w], 0.0)])
+        path = np.concatenate([np.zeros((1, len(measured))), np.where(measured, rolled.error[w], 0.0)])
         lost = ~np.isfinite(path)
         last = np.maximum.accumulate(np.where(lost, 0, np.arange(len(path))[:, None]), axis=0)
         held = np.take_along_axis(path, last, axis=0)
@@ -122,21 +130,6 @@ def _window_errors(read: Surveyed, model: Model, other: Model, window: float, t:
         error[frames] = at_times(age[frames], ages, held)
         apart[frames] = np.interp(age[frames], ages, lost.any(axis=1)) > 0
     return error, apart, which
-
-
-def _torque(read: Surveyed, models: Sequence[Model], t: Array, rate: float) -> tuple[Array, Array]:
-    """Measured torque (F, n) and measured - predicted torque (M, F, n), low-passed for display [N.m or N]."""
-    from scipy.ndimage import convolve1d
-
-    taps = lowpass(1 / read.sampling.period, min(read.band.cutoff, DISPLAY_CUTOFF_SHARE * rate))
-    out = np.full((1 + len(models), len(t), len(models[0].robot.joints)), np.nan)
-    for motion, predicted in predictions(read, models):
-        assert motion.recorded is not None, "a recording has torque"
-        inside = (t >= motion.t[0]) & (t <= motion.t[-1])
-        for row, torque in enumerate((motion.recorded, *(motion.recorded - each for each in predicted))):
-            calm = convolve1d(torque, taps, axis=0, mode="mirror") if len(taps) > 1 else torque
-            out[row, inside] = at_times(t[inside], motion.t, calm)
-    return out[0], out[1:]
 
 
 def predictions(read: Surveyed, models: Sequence[Model]) -> Iterator[tuple[Motion, list[Array]]]:
@@ -171,12 +164,12 @@ def poses(robot: Robot, q: Array, bodies: Sequence[int]) -> Array:
 
 def movers(robot: Robot, bodies: Sequence[int]) -> list[int]:
     """Index of the joint that moves each body, or its parent if the body's joint is held; -1: base."""
-    model, found = robot.model, [-1] * robot.model.njoints
+    model, moving = robot.model, [-1] * robot.model.njoints
     for joint in range(1, model.njoints):
         item = model.joints[joint]
         felt = np.abs(robot.drive[item.idx_v : item.idx_v + item.nv]).max(axis=0)
-        found[joint] = int(np.argmax(felt)) if felt.any() else found[model.parents[joint]]
-    return [found[body] for body in bodies]
+        moving[joint] = int(np.argmax(felt)) if felt.any() else moving[model.parents[joint]]
+    return [moving[body] for body in bodies]
 
 
 def axis(robot: Robot, joint: int) -> tuple[int, Array, bool]:
@@ -241,27 +234,22 @@ def follow_commands(models: Sequence[Model], recording: Recording, window: float
     t = np.arange(int(elapsed[-1] * rate * (1 + 1e-9)) + 1) / rate
     recorded = at_times(t, elapsed, grid.q)
     driven = np.array([joint in models[0].servos for joint in grid.joints])
-    simulated, apart = zip(*(_simulated(model, grid, window, t, elapsed) for model in models), strict=True)
-    paths = np.stack(simulated)
+    paths = np.empty((len(models), *recorded.shape))
+    for path, model in zip(paths, models, strict=True):
+        with np.errstate(all="ignore"):
+            q = plant.roll_out(model, model.servos, grid, window)
+        near = np.all(np.abs(q) < DIVERGED_POSITION, axis=1, keepdims=True)
+        path[:] = at_times(t, elapsed, np.where(near, q, np.nan))
     row = np.minimum(np.searchsorted(elapsed, t + 1e-9, side="right") - 1, len(grid) - 1)
     size = np.maximum(np.std(recorded, axis=0), 1e-9)
     return Track(
         t=np.asarray(grid.origin + t),
         recorded=recorded,
         simulated=paths,
-        apart=np.stack(apart),
+        apart=np.asarray(~np.isfinite(paths).all(axis=2)),
         window=np.zeros(len(t), int) if window is None else np.floor(t / window + 1e-9).astype(int),
         measured=np.full_like(recorded, np.nan),
         residual=np.where(driven, recorded - paths, np.nan),
         torque=np.where(driven, size, np.nan),
         command=np.where(driven, grid.command[row], np.nan),
     )
-
-
-def _simulated(model: Model, grid: ServoGrid, window: float | None, t: Array, elapsed: Array) -> tuple[Array, Mask]:
-    """Positions (F, n) [rad or m] of the closed loop at the frames, and whether it has diverged (F,)."""
-    with np.errstate(all="ignore"):
-        q = plant.roll_out(model, model.servos, grid, window)
-    near = np.all(np.abs(q) < DIVERGED_POSITION, axis=1, keepdims=True)
-    path = at_times(t, elapsed, np.where(near, q, np.nan))
-    return path, np.asarray(~np.isfinite(path).all(axis=1))

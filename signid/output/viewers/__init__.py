@@ -6,7 +6,7 @@ kind.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -101,17 +101,17 @@ def viewer_log(
     """
     model = as_model(model, "viewer_log")
     read = as_recordings(recordings, model.robot, "viewer_log")
-    found = None if diagnosis is None else read_found(diagnosis)
-    models = [model] if found is None else [model, found.after]
+    findings = None if diagnosis is None else read_found(diagnosis)
+    models = [model] if findings is None else [model, findings.after]
     notes, signals = list[str](), list[Signal]()
     for k, recording in enumerate(read, 1):
         folder = "" if len(read) == 1 else f"/{Path(recording.path).name.partition('.')[0] or 'recording'}_{k}"
         signals += _signals(folder, recording, models, rolled, notes)
-    origins, name, notes = [time_origin(each) for each in read], model.robot.name, list(dict.fromkeys(notes))
+    origins, name, notes = [time_origin(recording) for recording in read], model.robot.name, list(dict.fromkeys(notes))
     start, remarks = min(float(signal.t[0]) for signal in signals), list[Remark]()
-    if found is not None:  # causes are warnings
-        placed = marks(found, reach(found.after.robot), origins[0])
-        remarks = [Remark(start, headline(found), bool(placed))]
+    if findings is not None:  # causes are warnings
+        placed = marks(findings, reach(findings.after.robot), origins[0])
+        remarks = [Remark(start, headline(findings), bool(placed))]
         for mark in placed:
             at = start if mark.time is None else mark.time[0]
             remarks.append(Remark(at, f"{mark.title}: {'; '.join(mark.lines)}", mark.cause))
@@ -126,19 +126,31 @@ def viewer_log(
 def _signals(
     folder: str, recording: Recording, models: Sequence[Model], rolled: Track | None, notes: list[str]
 ) -> list[Signal]:
+    """Signals of a recording; of commands, the closed loops run from these alone."""
     drives = commands_only(recording)
-    each = (with_drives(x, recording) if drives else restrict_joints(x, [recording]) for x in models)
-    restricted, more = zip(*each, strict=True)
-    notes += [note for own in more for note in own]
+    pairs = [with_drives(x, recording) if drives else restrict_joints(x, [recording]) for x in models]
+    restricted = [model for model, _ in pairs]
+    notes += [note for _, further in pairs for note in further]
     joints = restricted[0].robot.joints
 
     def make(name: str, t: Array, **values: Array) -> Signal:
         return Signal(f"{folder}/{name}", joints, t, drawn=name == "measured", **values)
 
     if drives:
-        return _driven(restricted, recording, make)
+        column, rows = recording.columns["t"][0], len(recording)
+        first, last = (float(recording.table.read([column], k, k + 1)[0, 0]) for k in (0, rows - 1))
+        track = follow_commands(restricted, recording, None, min(MAX_LOG_RATE, (rows - 1) / max(last - first, 1e-9)))
+        assert track.command is not None, "the recording has commands"
+        names = ("commanded", "measured", *PREDICTED_SIGNALS[: len(models)], *RESIDUAL_SIGNALS[: len(models)])
+        paths = (track.command, track.recorded, *track.simulated, *track.residual)
+        return [make(name, track.t, position=path) for name, path in zip(names, paths, strict=True)]
     need_torque([recording])
-    return [*_torques(restricted, recording, make, notes), *_rolled(rolled, make)]
+    signals = _torques(restricted, recording, make, notes)
+    for name, path in zip(ROLLOUT_SIGNALS, () if rolled is None else rolled.simulated, strict=False):
+        there = np.isfinite(path).all(axis=1)
+        if rolled is not None and there.any():
+            signals.append(make(name, rolled.t[there], position=path[there]))
+    return signals
 
 
 def _torques(
@@ -172,23 +184,3 @@ def _torques(
     made = [make("measured", t, position=q, velocity=v, effort=measured)]
     made += [make(name, t, effort=x) for name, x in zip(PREDICTED_SIGNALS, predicted, strict=False)]
     return made + [make(name, t, effort=measured - x) for name, x in zip(RESIDUAL_SIGNALS, predicted, strict=False)]
-
-
-def _rolled(track: Track | None, make: Callable[..., Signal]) -> Iterator[Signal]:
-    """Simulated positions of a replay, in the frames that have one."""
-    for name, path in zip(ROLLOUT_SIGNALS, () if track is None else track.simulated, strict=False):
-        there = np.isfinite(path).all(axis=1)
-        if track is not None and there.any():
-            yield make(name, track.t[there], position=path[there])
-
-
-def _driven(models: Sequence[Model], recording: Recording, make: Callable[..., Signal]) -> list[Signal]:
-    """Signals of a recording of commands: the closed loops run from the commands alone."""
-    column = recording.columns["t"][0]
-    first, last = (float(recording.table.read([column], k, k + 1)[0, 0]) for k in (0, len(recording) - 1))
-    rate = min(MAX_LOG_RATE, (len(recording) - 1) / max(last - first, 1e-9))
-    track = follow_commands(models, recording, None, rate)
-    assert track.command is not None, "the recording has commands"
-    names = ("commanded", "measured", *PREDICTED_SIGNALS[: len(models)], *RESIDUAL_SIGNALS[: len(models)])
-    paths = (track.command, track.recorded, *track.simulated, *track.residual)
-    return [make(name, track.t, position=path) for name, path in zip(names, paths, strict=True)]

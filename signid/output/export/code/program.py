@@ -16,9 +16,7 @@ from ....model import Model, torque_model
 from ....robot import configuration
 from ....robot.dynamics import mass_matrices, own_body
 from ....types import Array
-from .graph import Graph, Scalar, binary, unary
-from .laws import law_expressions
-from .rigid import (
+from .dynamics import (
     Bodies,
     Body,
     Expressions,
@@ -27,6 +25,7 @@ from .rigid import (
     cross,
     exact,
     joint_torque,
+    law_expressions,
     motions,
     placement,
     rigid_torque,
@@ -34,6 +33,7 @@ from .rigid import (
     tree_of,
     wrench,
 )
+from .graph import Graph, Scalar, binary, unary
 
 MASS_MEANING = (
     "mass matrix by rows, of the bodies, the armature and couplings of joints: mass_matrix(q) a + "
@@ -281,8 +281,12 @@ def mass_matrix(graph: Graph, tree: Bodies, q: Expressions) -> Expressions:
             first = turn @ moment
             masses[body.parent] = masses[body.parent] + mass
             moments[body.parent] = moments[body.parent] + first + mass * offset
-            turned = _turned(body, inertia, angles[k])
-            inertias[body.parent] = inertias[body.parent] + turned + _shift(offset, first + 0.5 * mass * offset)
+            inertias[body.parent] = inertias[body.parent] + _turned(body, inertia, angles[k])
+            about = first + 0.5 * mass * offset
+            x, y, z = 2.0 * offset * about
+            across = np.outer(-offset, about)
+            shift = np.diag([y + z, z + x, x + y]) + (across + across.T) * (1 - np.eye(3))  # -[offset][g] - [g][offset]
+            inertias[body.parent] = inertias[body.parent] + shift
     graph.section = "mass matrix with rotors"
     return tree.drive.T @ (matrix + np.diag(tree.rotors)) @ tree.drive
 
@@ -301,13 +305,6 @@ def _turned(body: Body, inertia: Expressions, angle: Scalar) -> Expressions:
     xz, yz, xy = c * xz - s * yz, s * xz + c * yz, xy + s * change
     spun = np.array([[yy + c * change, xy, xz], [xy, xx - c * change, yz], [xz, yz, zz]])
     return _congruent(exact(body.rotation @ basis), spun)
-
-
-def _shift(offset: Expressions, moment: Expressions) -> Expressions:
-    """-[p][g] - [g][p] (3, 3) [kg.m2] of an offset p [m] and a moment g [kg.m]."""
-    x, y, z = 2.0 * offset * moment
-    across = np.outer(-offset, moment)
-    return np.diag([y + z, z + x, x + y]) + (across + across.T) * (1 - np.eye(3))
 
 
 def _congruent(turn: Array, inertia: Expressions) -> Expressions:
