@@ -84,7 +84,8 @@ def write_mjcf(
     gravity = robot.model.gravity if floating else model.bodies().gravity
     option = {"gravity": words(gravity.linear), "integrator": "implicitfast"}
     options = parse(robot.document).iter("option") if robot.kind == "mjcf" else ()
-    short = [repr(DRIVE_STEP)] if model.servos or _effects(model) & set(_SHORT_STEP_LAWS) else []
+    effects = {law.effect.name for law in held(model, "mjcf")}
+    short = [repr(DRIVE_STEP)] if model.servos or effects & set(_SHORT_STEP_LAWS) else []
     steps = [x for node in options if (x := node.get("timestep"))] or short
     _add(root, "option", option | ({"timestep": steps[-1]} if steps else {}))
     _add(_add(root, "default"), "geom", {"contype": "0", "conaffinity": "0", "group": "2"})
@@ -93,7 +94,8 @@ def write_mjcf(
     _tree(_trunk(world, robot) if floating else world, model, shapes, bodies, placed)
     _group(root, "equality", "joint", ties)
     _actuators(_add(root, "actuator"), model)
-    notes = (*_notes(model, ties, bodies, floating), *shapes.notes)
+    written = [sentence for sentence, laws in _NOTES.items() if effects & set(laws)]
+    notes = (*_notes(model, ties, written, bodies, floating), *shapes.notes)
     etree.indent(root)
     return Exported(str(etree.tostring(root, encoding="unicode")) + "\n", notes, meshes=files)
 
@@ -153,14 +155,13 @@ def _tree(world: Any, model: Model, shapes: _Shapes, bodies: PossibleBodies, pla
         nodes.append(node)
     for k, (law, body) in enumerate(bodies.loads):
         at = nodes[joint_of_row(robot.model, own_row(robot, law.joints[0]))]
-        node = _add(at, "body", {"name": _free_name(robot, "payload" if k == 0 else f"payload_{k + 1}")})
+        name = "payload" if k == 0 else f"payload_{k + 1}"
+        while name in robot.links:
+            name += "_"
+        node = _add(at, "body", {"name": name})
         _add(node, "inertial", _inertial(body))
         size = words([(3 * body.mass / (4 * np.pi * _PAYLOAD_DENSITY)) ** (1 / 3)])
         _add(node, "geom", {"type": "sphere", "size": size, "pos": words(body.centre), "rgba": "0.9 0.6 0 1"})
-
-
-def _free_name(robot: Robot, name: str) -> str:
-    return name if name not in robot.links else _free_name(robot, name + "_")
 
 
 def _inertial(body: Principal) -> dict[str, str]:
@@ -217,7 +218,10 @@ def _actuators(group: Any, model: Model) -> None:
             _add(group, "dcmotor", {**line, "lugre": lugre})
 
 
-def _notes(model: Model, ties: Sequence[Mapping[str, str]], bodies: PossibleBodies, floating: bool) -> list[str]:
+def _notes(
+    model: Model, ties: Sequence[Mapping[str, str]], written: Sequence[str], bodies: PossibleBodies, floating: bool
+) -> list[str]:
+    """Content that an MJCF lacks or holds in its own way; written: sentences on the laws in it."""
     robot = model.robot
     notes = fixed_note(robot, "they are rigid in the MJCF")
     if np.isfinite(robot.velocity_limit).any():
@@ -228,7 +232,7 @@ def _notes(model: Model, ties: Sequence[Mapping[str, str]], bodies: PossibleBodi
     if ties:
         pairs = ", ".join(f"{tie['joint1']} of {tie['joint2']}" for tie in ties)
         notes.append(f"mimic joints are equality constraints, which are slightly compliant in MuJoCo: {pairs}")
-    notes += [*mjcf_notes(model), *(say for say, laws in _NOTES.items() if _effects(model) & set(laws)), *bodies.notes]
+    notes += [*mjcf_notes(model), *written, *bodies.notes]
     if floating:
         notes.append("the trunk floats on a free joint, with the mass that the description states")
         trunk = float(robot.model.inertias[0].mass)
@@ -273,10 +277,6 @@ def _body_places(robot: Robot) -> list[_Place]:
             joints[row] |= {"pos": words(frame.translation)} if np.any(frame.translation) else {}
         places.append(_Place(int(robot.model.parents[i]), pose, joints))
     return places
-
-
-def _effects(model: Model) -> set[str]:
-    return {law.effect.name for law in held(model, "mjcf")}
 
 
 def _gear(model: Model, joint: str) -> dict[str, str]:

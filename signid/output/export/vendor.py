@@ -163,13 +163,14 @@ def write_franka(model: Model, flange: str | None = None, tool: str | None = Non
     """
     payload = flange_of(model, FRANKA_FLANGE, flange, tool)
     inertia = column_major(np.zeros((3, 3)) if payload.inertia is None else payload.inertia)
+    mass, centre = rounded(np.array([payload.mass]))[0], rounded(payload.centre)
     slug = re.sub(r"[^a-z0-9]+", "-", model.robot.name.lower()).strip("-")
     document = {
         "id": f"payload-{slug}",
         "name": f"Payload of {model.robot.name}",
         "color": "#808080",
-        "mass": rounded(np.array([payload.mass]))[0],
-        "centerOfMass": rounded(payload.centre),
+        "mass": mass,
+        "centerOfMass": centre,
         "transformation": column_major(np.eye(4) if payload.tool is None else payload.tool.homogeneous),
         "inertia": inertia,
     }
@@ -185,17 +186,13 @@ def write_franka(model: Model, flange: str | None = None, tool: str | None = Non
         *(f"// {c_comment(line)}" for line in lines),
         "#pragma once",
         "#include <array>",
-        f"constexpr double load_mass = {document['mass']!r};",
-        f"constexpr std::array<double, 3> F_x_Cload{{{{{_joined_values(document['centerOfMass'])}}}}};",
-        f"constexpr std::array<double, 9> load_inertia{{{{{_joined_values(inertia)}}}}};",
+        f"constexpr double load_mass = {mass!r};",
+        f"constexpr std::array<double, 3> F_x_Cload{{{{{', '.join(map(repr, centre))}}}}};",
+        f"constexpr std::array<double, 9> load_inertia{{{{{', '.join(map(repr, inertia))}}}}};",
         "// robot.setLoad(load_mass, F_x_Cload, load_inertia);",
     ]
     text = json.dumps(document, indent=2, ensure_ascii=False) + "\n"
     return Exported(text, tuple(notes), {"_load.h": "\n".join(header) + "\n"})
-
-
-def _joined_values(values: object) -> str:
-    return ", ".join(map(repr, values)) if isinstance(values, list) else ""
 
 
 def write_kuka(model: Model, flange: str | None = None, tool: str | None = None) -> Exported:
