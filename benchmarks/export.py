@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from signid.model import Model, load_model
 from signid.output.export import export
-from signid.output.export.code.c import identifier
+from signid.output.export.code.languages import identifier
 from signid.regression.motion import Motion
 from signid.robot import configuration
 

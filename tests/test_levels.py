@@ -18,7 +18,7 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "servo": "__init__ given plant simulate fit search zeros identify validate diagnose compare",
     "diagnose": "data evidence result extend search findings detectable run __init__",
     "output": "__init__ geometry report replay viewers export frames display",
-    "output/export": "bodies formats shapes drives urdf mjcf actuators code vendor function loop __init__",
+    "output/export": "bodies formats drives urdf mjcf actuators code vendor function loop __init__",
     "output/report": "layout write documents quantities sections pages plots results __init__",
     "estimation": "__init__ fit_quality excitation feasible pbrp repeats least_squares standard estimators",
     "recording": "vocabulary mapping match streams formats source sampling columns joining reading missing gallery "

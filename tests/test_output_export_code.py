@@ -24,8 +24,8 @@ from signid.effects.naming import law_at
 from signid.errors import RobotError
 from signid.model import Model, load_model
 from signid.output.export import export
-from signid.output.export.code.c import identifier
 from signid.output.export.code.graph import Graph, unary, where
+from signid.output.export.code.languages import identifier
 from signid.output.export.code.program import program_of
 from signid.regression.motion import Motion
 from signid.robot import configuration, load_robot, robot_from_text

@@ -17,7 +17,7 @@ from signid.cli.run import run
 from signid.effects.naming import parse_law
 from signid.model import Model, load_model
 from signid.output.export import export
-from signid.output.export.code.c import identifier
+from signid.output.export.code.languages import identifier
 from signid.regression.motion import Motion
 from signid.robot import configuration, load_robot
 from signid.simulation.excite.families import rest_to_rest_motion

@@ -108,7 +108,7 @@ def test_options_of_an_mjcf_need_one(tmp_path: Path, capsys: pytest.CaptureFixtu
 
 
 def test_meshes_of_one_name_stay_apart(tmp_path: Path) -> None:
-    from signid.output.export.shapes import copied
+    from signid.output.export.mjcf import copied
 
     meshes = [{"name": str(k), "file": f"/{folder}/a.stl"} for k, folder in enumerate("xyx")]
     assert copied(meshes, "m") == {"m/a.stl": Path("/x/a.stl"), "m/a_2.stl": Path("/y/a.stl")}

@@ -23,8 +23,7 @@ from numpy.testing import assert_allclose
 
 import signid
 from signid.cli import run
-from signid.output.replay import Live, Replay
-from signid.output.replay.run import part
+from signid.output.replay import Live, Replay, part
 from signid.output.report.layout import content_policy
 from signid.robot import load_robot
 from signid.simulation.rollout import RollOut

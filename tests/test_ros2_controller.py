@@ -19,7 +19,7 @@ from lxml import etree
 from numpy.testing import assert_allclose
 
 import signid
-from signid.output.export.code.c import identifier
+from signid.output.export.code.languages import identifier
 from signid.regression.motion import Motion
 from signid.types import Array
 

@@ -137,7 +137,7 @@ def export(simulation: SimulationName, exports: ExportFiles, options: ExportOpti
 def _check_exports(asked: dict[str, Text], paths: dict[str, Path], options: ExportOptions) -> None:
     """Check that the files can be written."""
     from ...output.export import STARTED_KINDS, VENDORS
-    from ...output.export.code.c import identifier
+    from ...output.export.code.languages import identifier
     from ...output.report import probe_folder
 
     if not paths:

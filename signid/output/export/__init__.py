@@ -24,8 +24,7 @@ __all__ = ["KINDS", "VENDORS", "Exported", "export", "urdf_with", "with_comment"
 
 _MODULES = {  # below this folder, where `write_KIND` is not in a module of its own
     **dict.fromkeys(("ros", "isaaclab", "mjlab", "newton"), "actuators"),
-    "c": "code.c",
-    "arrays": "code.arrays",
+    **dict.fromkeys(("c", "arrays"), "code.languages"),
     **dict.fromkeys(VENDORS, "vendor"),
 }
 KINDS = tuple(FORMATS)

@@ -9,7 +9,6 @@ from dataclasses import fields
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from ...errors import one_line
 from ...model import Model
@@ -77,7 +76,6 @@ def add_actuators(builder):
         builder.add_actuator(DrivePD, index=index, delay_steps=steps, clamping=numbers["clamping"], **numbers["drive"])
 '''
 _LOOP_SENTENCE = "\nCommands are positions; a delay between two steps varies between both."
-_MATH_IMPORT = "import math\n\n"
 _STEP_FUNCTIONS = '''\
 PHYSICS_STEP = 0.005  # s; set it to the time step of the physics
 
@@ -129,50 +127,48 @@ def _servo_lines(servo: Servo) -> list[str]:
 
 def _driven(model: Model) -> dict[str, dict[str, float]]:
     """Actuator parameters by joint and key."""
-    values = {item.name: _values(model, item.name) for item in fields(Actuators)}
+    values = dict[str, Array]()  # (n,) by key; NaN if not written
+    for key in (item.name for item in fields(Actuators)):
+        stated = getattr(model.robot.actuators, key)
+        if key == "torque_constant":
+            values[key] = np.asarray(stated)
+            continue
+        total = summed(model, key)
+        if key != "torque_offset":
+            total = np.where(total < 0, np.nan, total)
+        values[key] = np.where(np.isnan(total) & np.isfinite(stated), 0.0, total)
     return {
         joint: {key: float(value[j]) for key, value in values.items() if np.isfinite(value[j])}
         for j, joint in enumerate(model.robot.joints)
     }
 
 
-def _values(model: Model, key: str) -> Array:
-    """Values of a key, (n,) [the unit of the key]; NaN if not written."""
-    stated = getattr(model.robot.actuators, key)
-    if key == "torque_constant":
-        return np.asarray(stated)
-    total = summed(model, key)
-    if key != "torque_offset":
-        total = np.where(total < 0, np.nan, total)
-    return np.where(np.isnan(total) & np.isfinite(stated), 0.0, total)
-
-
 def write_ros(model: Model) -> Exported:
     """Write a parameter file (YAML): actuator parameters, effort limits and drives per joint, inertials per link."""
     from yaml import safe_dump
 
-    robot, bodies = model.robot, list(model.bodies().inertias)[1:]
-    drives, servos = _driven(model), servos_document(model.servos, robot.joints)
+    robot, drives = model.robot, _driven(model)
+    servos = servos_document(model.servos, robot.joints)
     for joint, servo in model.servos.items():
         servos[joint] = {key: x for key, x in servos[joint].items() if key not in (*left_out(servo), *MARK_KEYS)}
     for joint, limit in zip(robot.joints, robot.effort_limit.tolist(), strict=True):
         drives[joint] |= {"effort_limit": limit} if 0 < limit < np.inf else {}
+    inertials = dict[str, Any]()
+    for link, body in zip(robot.links, list(model.bodies().inertias)[1:], strict=True):
+        xx, xy, xz, _, yy, yz, *_, zz = np.asarray(body.inertia).ravel().tolist()
+        moments = {"ixx": xx, "ixy": xy, "ixz": xz, "iyy": yy, "iyz": yz, "izz": zz}
+        centre = np.asarray(body.lever).tolist()
+        inertials[link] = {"mass": float(body.mass), "centre_of_mass": centre, "inertia": moments}
     parameters = {
         "joints": list(robot.joints),
         "joint": {joint: stated for joint, stated in drives.items() if stated},
         "servo": servos,
-        "link": {link: _inertial(body) for link, body in zip(robot.links, bodies, strict=True)},
+        "link": inertials,
     }
     parameters = {key: x for key, x in parameters.items() if x}  # rcl takes what follows an empty map for its content
     notes = fixed_note(robot, "their links are listed nevertheless")
     text = safe_dump({"/**": {"ros__parameters": {"dynamics": parameters}}}, sort_keys=False, allow_unicode=True)
     return Exported(ROS_HEAD.format(name=one_line(robot.name)) + text, tuple(notes))
-
-
-def _inertial(body: pin.Inertia) -> dict[str, Any]:
-    xx, xy, xz, _, yy, yz, *_, zz = np.asarray(body.inertia).ravel().tolist()
-    moments = {"ixx": xx, "ixy": xy, "ixz": xz, "iyy": yy, "iyz": yz, "izz": zz}
-    return {"mass": float(body.mass), "centre_of_mass": np.asarray(body.lever).tolist(), "inertia": moments}
 
 
 def write_isaaclab(model: Model) -> Exported:
@@ -190,17 +186,28 @@ def write_isaaclab(model: Model) -> Exported:
         rest = "others" if servos else "all"
         while rest in groups:
             rest += "_"
-        groups[rest] = _isaaclab_free(model, others)
+        numbers = {re.escape(joint): _passive(model, joint, ISAACLAB_KEYS) for joint in others}
+        lines = [f"joint_names_expr={list(numbers)!r}", "stiffness=None", "damping=None"]
+        for name in (*ISAACLAB_KEYS.values(), "dynamic_friction"):
+            table = {joint: x[name.removeprefix("dynamic_")] for joint, x in numbers.items()}
+            lines.append(f"{name}={table!r}")
+        groups[rest] = ("ImplicitActuatorCfg", lines)
+    notes = list[str]()
+    if late := [f"{joint} ({1e3 * x.delay:.4g} ms)" for joint, x in servos.items() if curved(x) and x.delay > 0]:
+        notes.append(f"DCMotorCfg cannot hold the delay of {', '.join(late)}")
+    if free := [joint for joint, servo in servos.items() if not np.isfinite(servo.effort_limit)]:
+        notes.append(f"the effort limit of {', '.join(free)} is that of the asset, since none was identified")
+    notes += _velocity_notes(servos)
     body = "".join(f"    {_text(name)}: {_call(kind, lines)},\n" for name, (kind, lines) in groups.items())
     used, delay = {x for x, _ in groups.values()}, ("min_delay", "max_delay")
-    return _python(_ISAACLAB_HEAD, model, used, delay, f"ACTUATORS = {{\n{body}}}\n", _isaaclab_notes(servos))
+    return _python(_ISAACLAB_HEAD, model, used, delay, f"ACTUATORS = {{\n{body}}}\n", notes)
 
 
 def _python(head: str, model: Model, used: set[str], delay: tuple[str, str], body: str, notes: list[str]) -> Exported:
     """A Python file; used: names of classes; delay: names of the least and the largest one."""
     servos = model.servos
-    given = {"loop": _LOOP_SENTENCE if servos else "", "imports": _MATH_IMPORT if servos else ""}
-    text = head.format(name=_name(model), classes=", ".join(sorted(used)), **given)
+    optional = {"loop": _LOOP_SENTENCE if servos else "", "imports": "import math\n\n" if servos else ""}
+    text = head.format(name=_name(model), classes=", ".join(sorted(used)), **optional)
     text += _STEP_FUNCTIONS.format(least=delay[0], most=delay[1]) if servos else ""
     shifts = {joint: float(f"{-x.torque_offset / x.kp:.6g}") for joint, x in servos.items() if x.torque_offset}
     offsets = _OFFSETS_TEXT.format(json.dumps(shifts, ensure_ascii=False, indent=4)) if shifts else ""
@@ -222,25 +229,25 @@ def write_mjlab(model: Model) -> Exported:
 
 
 def write_newton(model: Model) -> Exported:
-    """Write a Python file that adds drive, clamp and delay of each joint to a builder of Newton."""
-    lines = "".join(f"    {_text(joint)}: {_newton_joint(model, joint)},\n" for joint in model.robot.joints)
+    """Write a Python file that adds drive, clamp and delay of each joint to a builder of Newton.
+
+    A joint without a drive has no gains, and its effort limit is that of the description.
+    """
+    lines, offsets = "", np.nan_to_num(summed(model, "torque_offset")).tolist()
+    for joint, described, offset in zip(model.robot.joints, model.robot.effort_limit.tolist(), offsets, strict=True):
+        servo = model.servos.get(joint, _NO_DRIVE)
+        limit = float(servo.effort_limit) if joint in model.servos else described
+        kind, limits = "ClampingMaxEffort", {"max_effort": limit}
+        if curved(servo):
+            kind, limits = "ClampingDCMotor", {"saturation_effort": limit, "velocity_limit": float(servo.speed_limit)}
+        clamping = f"[({kind}, {limits!r})]" if np.isfinite(limit) else None
+        drive = {"kp": float(servo.kp), "kd": _kd(servo), "const_effort": -offset}
+        passive, delay = _passive(model, joint, _NEWTON_KEYS), float(servo.delay)
+        numbers = f'{{"passive": {passive!r}, "drive": {drive!r}, "delay": {delay!r}, "clamping": {clamping}}}'
+        lines += f"    {_text(joint)}: {numbers},\n"
     used = [name for name in ("ClampingDCMotor", "ClampingMaxEffort", "DrivePD") if name in lines + "DrivePD"]
     text = _NEWTON_HEAD.format(name=_name(model), classes=", ".join(used), joints=lines)
     return Exported(text, tuple(_velocity_notes(model.servos)))
-
-
-def _newton_joint(model: Model, joint: str) -> str:
-    """Numbers of a joint as a dict of Python; without a drive it has no gains, and its effort limit is described."""
-    j, servo = model.robot.index(joint), model.servos.get(joint, _NO_DRIVE)
-    limit = float(servo.effort_limit if joint in model.servos else model.robot.effort_limit[j])
-    kind, most = "ClampingMaxEffort", {"max_effort": limit}
-    if curved(servo):
-        kind, most = "ClampingDCMotor", {"saturation_effort": limit, "velocity_limit": float(servo.speed_limit)}
-    clamping = f"[({kind}, {most!r})]" if np.isfinite(limit) else None
-    offset = float(np.nan_to_num(summed(model, "torque_offset")[j]))
-    drive = {"kp": float(servo.kp), "kd": _kd(servo), "const_effort": -offset}
-    passive, delay = _passive(model, joint, _NEWTON_KEYS), float(servo.delay)
-    return f'{{"passive": {passive!r}, "drive": {drive!r}, "delay": {delay!r}, "clamping": {clamping}}}'
 
 
 _NEWTON_KEYS = {"armature": "armature", "viscous_friction": "damping", "coulomb_friction": "friction"}
@@ -267,13 +274,6 @@ def _kd(servo: Servo) -> float:
 def _velocity_notes(servos: Mapping[str, Servo]) -> list[str]:
     still = [joint for joint, servo in servos.items() if servo.kd_on == "error" and servo.kd > 0]
     return [f"set velocity targets too for {', '.join(still)}: kd acts on the error of the speed"] if still else []
-
-
-def _behind(kind: str, servo: Servo) -> float:
-    """Damping on the speed before a step less damping on the speed after it [N.m.s/rad], in an actuator of mjlab."""
-    if servo.law == "duty" or kind == "BuiltinPositionActuatorCfg":
-        return -float(servo.damping)
-    return float(servo.kd - servo.viscous_friction)
 
 
 _MJLAB_KEYS = {"armature": "armature", "viscous_friction": "viscous_damping", "coulomb_friction": "frictionloss"}
@@ -312,27 +312,6 @@ def _limit(servo: Servo) -> list[str]:
     return lines
 
 
-def _isaaclab_free(model: Model, joints: list[str]) -> tuple[str, list[str]]:
-    """Class and arguments of joints without a drive."""
-    numbers = {re.escape(joint): _passive(model, joint, ISAACLAB_KEYS) for joint in joints}
-    lines = [f"joint_names_expr={list(numbers)!r}", "stiffness=None", "damping=None"]
-    for name in (*ISAACLAB_KEYS.values(), "dynamic_friction"):
-        table = {joint: each[name.removeprefix("dynamic_")] for joint, each in numbers.items()}
-        lines.append(f"{name}={table!r}")
-    return "ImplicitActuatorCfg", lines
-
-
-def _isaaclab_notes(servos: Mapping[str, Servo]) -> list[str]:
-    notes = list[str]()
-    late = [f"{joint} ({1e3 * x.delay:.4g} ms)" for joint, x in servos.items() if curved(x) and x.delay > 0]
-    if late:
-        notes.append(f"DCMotorCfg cannot hold the delay of {', '.join(late)}")
-    free = [joint for joint, servo in servos.items() if not np.isfinite(servo.effort_limit)]
-    if free:
-        notes.append(f"the effort limit of {', '.join(free)} is that of the asset, since none was identified")
-    return [*notes, *_velocity_notes(servos)]
-
-
 def _mjlab_drive(model: Model, joint: str) -> _Drive:
     """Class and arguments of a joint."""
     servo, numbers = model.servos.get(joint), _passive(model, joint, _MJLAB_KEYS)
@@ -347,7 +326,10 @@ def _mjlab_drive(model: Model, joint: str) -> _Drive:
         kind = "DcMotorActuatorCfg" if curved(servo) else kind
         lines = [f"stiffness={float(servo.kp)!r}", f"damping={_kd(servo)!r}", *_limit(servo), *_delay(servo)]
         if "armature" in numbers:
-            written["armature"] = f"inertia({numbers['armature']!r}, {_behind(kind, servo)!r})"
+            explicit = servo.law != "duty" and kind != "BuiltinPositionActuatorCfg"
+            # damping on the speed before a step less damping on the speed after it [N.m.s/rad]
+            damping = float(servo.kd - servo.viscous_friction if explicit else -servo.damping)
+            written["armature"] = f"inertia({numbers['armature']!r}, {damping!r})"
     return kind, [*lines, *(f"{key}={x}" for key, x in written.items())]
 
 

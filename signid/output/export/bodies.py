@@ -1,4 +1,4 @@
-"""Physically consistent bodies of a model in principal axes, as MuJoCo requires."""
+"""Bodies of a model in principal axes, as MuJoCo requires, and what writers share: comments, numbers as text."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from ...errors import RobotError, one_line, shorten
 from ...estimation.feasible import fit_consistent
@@ -73,6 +74,16 @@ def quaternion(rotation: Array) -> Array:
     return np.roll(pin.Quaternion(rotation).normalized().coeffs(), 1)
 
 
+def words(numbers: ArrayLike) -> str:
+    """Format numbers as an attribute, with all digits."""
+    return " ".join(repr(float(x) + 0.0) for x in np.asarray(numbers, float))
+
+
+def pose_words(placement: Any) -> dict[str, str]:
+    """Position and orientation (pin.SE3) as attributes."""
+    return {"pos": words(placement.translation), "quat": words(quaternion(placement.rotation))}
+
+
 class PossibleBodies(NamedTuple):
     """Bodies of the links, separate payload bodies, and notes on changes."""
 
@@ -116,10 +127,10 @@ def _exchanged(model: Model) -> Array | None:
     value = base.combination @ model.whole_inertials().ravel()
     size = np.maximum(np.abs(value), 1e-3 * np.abs(value).max(initial=1e-9))
     known = Estimate(value, np.diag((size / _EXACT_RATIO) ** 2), np.diag((_EXACT_RATIO / size) ** 2), np.zeros(0), ())
-    found = fit_consistent(base, known, Parameters(base.labels, stated_inertials(model.robot).ravel()))
-    if not found.feasible_without_moving:
+    fit = fit_consistent(base, known, Parameters(base.labels, stated_inertials(model.robot).ravel()))
+    if not fit.feasible_without_moving:
         return None
-    near = found.parameters.values
+    near = fit.parameters.values
     exact = Parameters(base.labels, near + least_squares(base.combination, value - base.combination @ near))
     return exact.bodies() if exact.is_feasible() else None
 

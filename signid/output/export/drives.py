@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from ...errors import OptionError, shorten
 from ...model import Model, with_servos
 from ...servos import PASSIVE_LAWS, SERVO_NUMBERS, Servo
+from .bodies import words
 from .formats import MAX_NAMES
-from .shapes import words
 
 DRIVE_STEP = 1e-4  # time step of an exported MJCF with drives: 1 mrad beside exact roll-outs, also saturated [s]
 NOTED_LAG_SHARE = 0.1  # share of the lag that damping has where it is not negligible
@@ -29,21 +30,30 @@ def with_known_numbers(model: Model, gain: bool) -> tuple[Model, list[str]]:
     Raises:
         OptionError: the gain of a drive, or its damping, is neither identifiable nor stated.
     """
-    if gain:
-        _need_gains(model.servos)
+    for key in ("kp", "kd") if gain else ():
+        unknown = [joint for joint, servo in model.servos.items() if key in left_out(servo)]
+        if key == "kd":  # a small damping hardly acts, and one whose scale alone is unknown shows in the lag
+            drives = {joint: model.servos[joint] for joint in unknown}
+            large = {joint for joint, x in drives.items() if x.damping > NOTED_LAG_SHARE * x.lag * x.kp}
+            unknown = [joint for joint, x in drives.items() if "kp" in x.not_identifiable or joint in large]
+        if unknown:
+            be, it = ("is", "it") if len(unknown) == 1 else ("are", "they")
+            raise OptionError(
+                f"{key} of {shorten(unknown, MAX_NAMES)} {be} not identifiable from the recordings, so {it} cannot be "
+                f"exported; state {'it' if key == 'kp' else 'the gain'}: signid identify --known "
+                f"kp.{unknown[0]}=20, or {key} below [joint.{unknown[0]}.servo] in actuators.toml"
+            )
     servos: dict[str, Servo] = {}
     for joint, servo in model.servos.items():
-        known = {name: getattr(Servo, name) if x is None else x for name, x in servo.not_identifiable.items()}
-        servos[joint] = replace(servo, **known, **(_rounded(servo) if gain else {}))  # type: ignore[arg-type]
-    return with_servos(model, servos, complete=True), list(
-        _unknown_notes(model.servos, SERVO_NUMBERS if gain else PASSIVE_LAWS)
-    )
-
-
-def _rounded(servo: Servo) -> dict[str, float]:
-    """Identified numbers of a drive with the digits that their intervals carry."""
-    digits = {name: 1 - int(np.floor(np.log10(x))) for name, x in servo.std.items() if np.isfinite(x) and x > 0}
-    return {name: round(getattr(servo, name), n) for name, n in digits.items() if name not in servo.not_identifiable}
+        known: dict[str, Any] = {
+            name: getattr(Servo, name) if x is None else x for name, x in servo.not_identifiable.items()
+        }
+        for name, std in servo.std.items() if gain else ():  # the digits that intervals carry
+            if np.isfinite(std) and std > 0 and name not in servo.not_identifiable:
+                known[name] = round(getattr(servo, name), 1 - int(np.floor(np.log10(std))))
+        servos[joint] = replace(servo, **known)
+    notes = _unknown_notes(model.servos, SERVO_NUMBERS if gain else PASSIVE_LAWS)
+    return with_servos(model, servos, complete=True), list(notes)
 
 
 def _unknown_notes(servos: Mapping[str, Servo], names: Sequence[str]) -> Iterator[str]:
@@ -66,23 +76,6 @@ _LEFT_OUT_NOTES = {
     "damping": "kd of {} is the damping, kd + viscous_friction, whose parts are not identifiable from the recordings",
     "lag": "delay of {} is one possible value: the lag, delay + damping / kp, is identifiable, and its parts are not",
 }
-
-
-def _need_gains(servos: Mapping[str, Servo]) -> None:
-    """Raise unless the gain of each drive is known, and its damping, unless that has hardly an effect."""
-    for key in ("kp", "kd"):
-        if of := [joint for joint, servo in servos.items() if key in left_out(servo) and _acts(key, servo)]:
-            be, it = ("is", "it") if len(of) == 1 else ("are", "they")
-            raise OptionError(
-                f"{key} of {shorten(of, MAX_NAMES)} {be} not identifiable from the recordings, so {it} cannot be "
-                f"exported; state {'it' if key == 'kp' else 'the gain'}: signid identify --known kp.{of[0]}=20, or "
-                f"{key} below [joint.{of[0]}.servo] in actuators.toml"
-            )
-
-
-def _acts(key: str, servo: Servo) -> bool:
-    """Whether a loop without a number differs; a damping whose scale alone is unknown shows in the lag."""
-    return key == "kp" or "kp" in servo.not_identifiable or servo.damping > NOTED_LAG_SHARE * servo.lag * servo.kp
 
 
 def left_out(servo: Servo) -> frozenset[str]:

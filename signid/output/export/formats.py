@@ -9,7 +9,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,7 +26,6 @@ MAX_NAMES = 16  # maximum number of joints listed
 BODY_LAWS = ("payload", "link_inertia")  # laws included in inertials
 PASSIVE = (*FRICTION_LAWS, "armature")  # whose sums at a joint formats of simulators hold unless negative
 MAX_UNFLAGGED_SHARE = 0.02  # [1] rms torque over that of the joint, below which a missing law has no flag
-COMPARED_SECONDS, COMPARED_STEP = 10.0, 0.01  # [s] of the motion along which torque is compared
 _LOOP = "servo_gain register_gain servo_damping error_damping command_delay effort_limit duty_limit speed_limit"
 _MOTION_LAWS = """
     viscous_friction coulomb_friction torque_offset armature asymmetric_friction stribeck_friction quadratic_friction
@@ -91,17 +90,23 @@ OF_TORQUE = ("function", "c", "arrays")  # torque of a given motion: drives coun
 
 def held(model: Model, kind: str, floating: bool = False) -> list[Law]:
     """Laws of a model that a file holds; numbers of a joint that are negative only code can hold."""
-    found, driven = FORMATS[kind], {model.robot.index(joint) for joint in model.servos}
+    table, driven = FORMATS[kind], {model.robot.index(joint) for joint in model.servos}
     sums = {} if kind in OF_TORQUE else {effect: summed(model, effect) for effect in (*PASSIVE, "quadratic_friction")}
-    return [
-        law
-        for law in model.laws
-        if (found.grade(law.effect.name) or (kind in OF_TORQUE and _is_added(law, kind)))
-        and (law.effect.name not in found.driven.split() or driven.issuperset(law.joints))
-        and (law.effect.name not in sums or sums[law.effect.name][law.joints[0]] >= 0)
-        and (kind != "mjcf" or _in_mjcf(model, law, driven))
-        and not (floating and law.effect.scope == "robot")  # such a base takes its direction from the simulation
-    ]
+    listed, laws = {*LISTED_LAWS, *UNLISTED.split()}, list[Law]()
+    for law in model.laws:
+        name, effect = law.effect.name, law.effect
+        known = bool(table.grade(name))
+        if not known and kind in OF_TORQUE and name not in listed:  # of a new file or another package
+            known = isinstance(effect, TorqueLaw) and not effect.memory if kind == "function" else writable(law)
+        if (
+            known
+            and (name not in table.driven.split() or driven.issuperset(law.joints))
+            and (name not in sums or sums[name][law.joints[0]] >= 0)
+            and (kind != "mjcf" or _in_mjcf(model, law, driven))
+            and not (floating and effect.scope == "robot")  # such a base takes its direction from the simulation
+        ):
+            laws.append(law)
+    return laws
 
 
 def writable(law: Law) -> bool:
@@ -109,20 +114,26 @@ def writable(law: Law) -> bool:
     effect = law.effect
     if not isinstance(effect, TorqueLaw) or effect.memory or effect.scope not in ("joint", "pair", "robot", "any"):
         return False
-    try:
-        tree = ast.parse(effect.equation, mode="eval")
-    except SyntaxError:
-        return False
-    used = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+    used = equation_names(effect.equation)
     numbers = {"variable", "knots", "values", *effect.filled(law.parameters)}
-    return used <= {*EMPIRICAL_VARIABLES, *numbers, *FUNCTIONS} - OF_VECTORS
+    return used is not None and used <= {*EMPIRICAL_VARIABLES, *numbers, *FUNCTIONS} - OF_VECTORS
 
 
-def _is_added(law: Law, kind: str) -> bool:
-    """Whether code holds a law that the table lacks, of a new file or another package."""
-    effect, listed = law.effect, (*LISTED_LAWS, *UNLISTED.split())
-    held = isinstance(effect, TorqueLaw) and not effect.memory if kind == "function" else writable(law)
-    return held and effect.name not in listed
+def equation_names(equation: str) -> set[str] | None:
+    """Names in an equation; None if it is none."""
+    try:
+        return {node.id for node in ast.walk(ast.parse(equation, mode="eval")) if isinstance(node, ast.Name)}
+    except SyntaxError:
+        return None
+
+
+def equation_numbers(law: Law) -> tuple[dict[str, Any], str]:
+    """Numbers in the equation of a law, and the signal that is the variable of an empirical one ("": another law)."""
+    numbers: dict[str, Any] = {key: float(x) for key, x in law.effect.filled(law.parameters).items()}
+    if law.effect.name != "empirical":
+        return numbers, ""
+    lists = {key + "s": [x for k, x in numbers.items() if k.startswith(f"{key}_")] for key in ("knot", "value")}
+    return lists, EMPIRICAL_VARIABLES[int(numbers["variable"])]
 
 
 def _in_mjcf(model: Model, law: Law, driven: Collection[int]) -> bool:
@@ -143,12 +154,12 @@ def _in_mjcf(model: Model, law: Law, driven: Collection[int]) -> bool:
 
 def stiffness(model: Model) -> dict[int, tuple[float, float]]:
     """Total stiffness [N.m/rad or N/m] and rest position [rad or m] of all springs, by joint."""
-    found = dict[int, tuple[float, float]]()
+    springs = dict[int, tuple[float, float]]()  # stiffness, and torque at zero
     for law in (law for law in model.laws if law.effect.name == "spring"):
         (j,), k = law.joints, law.parameters["stiffness"]
-        total, moment = found.get(j, (0.0, 0.0))
-        found[j] = total + k, moment + k * law.parameters["rest"]
-    return {j: (total, moment / total if total else 0.0) for j, (total, moment) in found.items()}
+        total, moment = springs.get(j, (0.0, 0.0))
+        springs[j] = total + k, moment + k * law.parameters["rest"]
+    return {j: (total, moment / total if total else 0.0) for j, (total, moment) in springs.items()}
 
 
 def among(law: Law, laws: Iterable[Law]) -> bool:
@@ -162,23 +173,20 @@ def left_out(
     """Flags and notes on the laws that a file lacks; `beside`: kinds of files that are written with it."""
     if kind in VENDORS:
         return [], []
-    found, own = FORMATS[kind], held(model, kind, floating)
-    lacked = [law for law in model.laws if not among(law, own)]
-    notes = list[str]()
-    if model.servos and not found.grade("servo_gain"):
-        notes.append(f"{found.subject} cannot hold the position drives of {shorten(list(model.servos), MAX_NAMES)}")
+    table, robot, inside = FORMATS[kind], model.robot, held(model, kind, floating)
+    lacked = [law for law in model.laws if not among(law, inside)]
+    notes, lead = list[str](), f"{table.subject} cannot hold"
+    if model.servos and not table.grade("servo_gain"):
+        notes.append(f"{lead} the position drives of {shorten(list(model.servos), MAX_NAMES)}")
         lacked = [law for law in lacked if not isinstance(law.effect, DriveLaw)]
-    if rough := [law for law in own if found.grade(law.effect.name) == "approximate"]:
-        notes.append(f"{found.subject} holds {lacking(model.robot, rough)} approximately")
-    others = {name: held(model, name) for name in FORMATS if name not in (*VENDORS, kind)}
-    near = [name for name in found.beside.split() if kind == "function" or name in beside]
-    groups = dict[str, list[Law]]()  # by the end of the sentence
-    large = dict[tuple[str, str], list[tuple[float, int, Law]]]()
-    judged = [law for law in lacked if not any(among(law, others[name]) for name in near)]
+    if rough := [law for law in inside if table.grade(law.effect.name) == "approximate"]:
+        notes.append(f"{table.subject} holds {lacking(robot, rough)} approximately")
+    near = {name: held(model, name) for name in table.beside.split() if kind == "function" or name in beside}
+    judged = [law for law in lacked if not any(among(law, laws) for laws in near.values())]
     shares = dict(zip(map(id, judged), _shares(model, judged), strict=True))
+    groups, large = dict[str, list[Law]](), list[tuple[float, int, Law]]()  # by the end of the sentence; flagged
     for law in lacked:
-        holding = [name for name, laws in others.items() if among(law, laws)]
-        if there := [name for name in near if name in holding]:
+        if there := [name for name, laws in near.items() if among(law, laws)]:
             end = f", held by {', '.join(there)}"
         elif isinstance(law.effect, RecordingLaw):
             end = ", an error of the recording, not of the robot"
@@ -189,16 +197,19 @@ def left_out(
         elif share.max(initial=0.0) <= MAX_UNFLAGGED_SHARE:
             end = f", below {100 * MAX_UNFLAGGED_SHARE:.0f} % of the torque"
         else:
-            most, which = float(share.max()), ", ".join(holding) or "no format"
-            large.setdefault((law.effect.name, which), []).append((most, int(np.argmax(share)), law))
+            large.append((float(share.max()), int(np.argmax(share)), law))
             continue
         groups.setdefault(end, []).append(law)
-    lead, robot = f"{found.subject} cannot hold", model.robot
+    others = {name: held(model, name) for name in FORMATS if name not in (*VENDORS, kind)} if large else {}
+    flagged = dict[tuple[str, str], list[tuple[float, int, Law]]]()  # by effect and formats that hold it
+    for size, joint, law in large:
+        holding = ", ".join(name for name, laws in others.items() if among(law, laws)) or "no format"
+        flagged.setdefault((law.effect.name, holding), []).append((size, joint, law))
     flags = [
-        f"{lead} {lacking(robot, [law for *_, law in laws])}: {100 * most:.0f} % of the torque of "
-        f"{robot.joints[joint]} along a simulated motion; held by {which}"
-        for (_, which), laws in large.items()
-        for most, joint, _ in [max(laws, key=lambda one: one[0])]
+        f"{lead} {lacking(robot, [law for *_, law in laws])}: {100 * size:.0f} % of the torque of "
+        f"{robot.joints[joint]} along a simulated motion; held by {holding}"
+        for (_, holding), laws in flagged.items()
+        for size, joint, _ in [max(laws, key=lambda entry: entry[0])]
     ]
     return flags, [*notes, *(f"{lead} {lacking(robot, laws)}{end}" for end, laws in groups.items())]
 
@@ -212,16 +223,16 @@ def _shares(model: Model, laws: Sequence[Law]) -> list[Array | None]:
     if all(unknown):
         return [None] * len(laws)
     try:
-        moved = rest_to_rest_motion(model.robot, COMPARED_SECONDS, COMPARED_STEP, seed=0)
+        moved = rest_to_rest_motion(model.robot, duration=10.0, step=0.01, seed=0)
         motion = Motion(model.robot, moved.t, moved.q, moved.v, moved.a)
-        whole, least = model.inverse(motion), np.finfo(float).tiny
+        whole = model.inverse(motion)
         without = [replace(model, laws=tuple(x for x in model.laws if x is not law), marks={}) for law in laws]
         parts = [None if none else whole - x.inverse(motion) for x, none in zip(without, unknown, strict=True)]
     except SignidError:  # no limits, or laws that cannot act together
         return [None] * len(laws)
-    sizes = [None if part is None else np.sqrt(np.mean(part**2, axis=0)) for part in parts]
-    size = np.maximum(np.sqrt(np.mean(whole**2, axis=0)), least)
-    return [None if one is None or not np.isfinite(one / size).all() else one / size for one in sizes]
+    size = np.maximum(np.sqrt(np.mean(whole**2, axis=0)), np.finfo(float).tiny)
+    shares = [None if part is None else np.sqrt(np.mean(part**2, axis=0)) / size for part in parts]
+    return [share if share is not None and np.isfinite(share).all() else None for share in shares]
 
 
 def lacking(robot: Robot, laws: Iterable[Law]) -> str:

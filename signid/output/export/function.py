@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import ast
-from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,7 +12,7 @@ from ...robot import described_gravity
 from ...types import Law
 from ..report.layout import torque_units
 from .bodies import Exported, in_docstring
-from .formats import ACTUATOR_LAWS, EMPIRICAL_VARIABLES, among, held
+from .formats import ACTUATOR_LAWS, among, equation_names, equation_numbers, held
 
 _FUNCTION_SIGNALS = ("t", "q", "v", "a", "load", "jacobian")
 _FUNCTION_HEAD = '''"""Torque of the laws of a signid model of {name}, in addition to the rigid bodies.
@@ -70,21 +68,15 @@ def write_function(model: Model) -> Exported:
         gravity=gravity if tilted else "",
     )
     table = "\n\nLAWS = [  # function, signals, joints, parameters, whether the MJCF holds it\n"
-    for law, code in written:
-        at = law.joints[0] if len(law.joints) == 1 and law.effect.scope == "joint" else list(law.joints)
-        table += f"    ({code.name}, {code.signals!r}, {at!r}, {code.numbers!r}, {among(law, inside)}),\n"
-    return Exported(head + _functions(written) + table + "]\n" + _TORQUE_FUNCTION)
-
-
-def _functions(written: Iterable[tuple[Law, _Code]]) -> str:
-    """One function per effect."""
-    found = {}
+    functions = {}  # one per effect
     for law, code in written:
         arguments = ", ".join((*code.signals, *code.numbers))
         units = ", ".join(f"{key}: {p.unit}" for key, p in law.effect.parameters.items())
         text = in_docstring(f"{law.effect.equation}, [{units}]; {law.effect.source}")
-        found[code.name] = f'\n\ndef {code.name}({arguments}):\n    """{text}"""\n    return {code.expression}\n'
-    return "".join(found.values())
+        functions[code.name] = f'\n\ndef {code.name}({arguments}):\n    """{text}"""\n    return {code.expression}\n'
+        at = law.joints[0] if len(law.joints) == 1 and law.effect.scope == "joint" else list(law.joints)
+        table += f"    ({code.name}, {code.signals!r}, {at!r}, {code.numbers!r}, {among(law, inside)}),\n"
+    return Exported(head + "".join(functions.values()) + table + "]\n" + _TORQUE_FUNCTION)
 
 
 class _Code(NamedTuple):
@@ -101,18 +93,13 @@ def _code_of(law: Law) -> _Code | None:
     """Equation of a law; None if it is not a function of time, motion, load and Jacobian."""
     effect = law.effect
     name, equation = effect.name, effect.equation
-    numbers: dict[str, Any] = {key: float(x) for key, x in effect.filled(law.parameters).items()}
-    if name == "empirical":
-        signal = EMPIRICAL_VARIABLES[int(numbers["variable"])]
-        lists = {key + "s": [x for k, x in numbers.items() if k.startswith(f"{key}_")] for key in ("knot", "value")}
-        name, numbers, equation = f"empirical_{signal}", lists, equation.replace("variable", signal)
-    try:
-        used = {node.id for node in ast.walk(ast.parse(equation, mode="eval")) if isinstance(node, ast.Name)}
-    except SyntaxError:
+    numbers, variable = equation_numbers(law)
+    if variable:
+        name, equation = f"empirical_{variable}", equation.replace("variable", variable)
+    used = equation_names(equation)
+    if used is None or not isinstance(effect, TorqueLaw | BodyLaw) or effect.memory:
         return None
     functions = used - {*numbers, *_FUNCTION_SIGNALS}
-    if not isinstance(effect, TorqueLaw | BodyLaw) or effect.memory or not functions <= {*FUNCTIONS, "norm"}:
-        return None
-    if effect.scope not in ("joint", "pair", "robot"):
+    if not functions <= {*FUNCTIONS, "norm"} or effect.scope not in ("joint", "pair", "robot"):
         return None
     return _Code(name, tuple(s for s in _FUNCTION_SIGNALS if s in used - set(numbers)), numbers, equation, functions)

@@ -16,13 +16,12 @@ from ...recording import Recordings, as_recording
 from ...robot import resting
 from ...servo.fit.start import first_state
 from ...servo.plant import servo_grid, servo_grids
-from ...servo.plant.course import Moved, motion_of
+from ...servo.plant.course import motion_of
 from ...servo.plant.grid import command_speed, commands_at, held_before
 from ...servo.validate import prepared_model
 from ...servos import Servo, ServoGrid
 from ...types import Array, Frozen
-from .bodies import Exported
-from .shapes import words
+from .bodies import Exported, words
 
 _START_TEXT = """
 # Start of {name}: init_state=InitialStateCfg(**START). HELD are the commands in force before the first one
@@ -55,35 +54,42 @@ def loop_of(model: Model, recording: Recordings) -> Loop:
         OptionError: the model has no drive of a joint that the recording commands.
         RecordingError: the recording cannot be used.
     """
-    given = as_recording(recording, model.robot, "export")
-    if not any(given.columns.get("q_des", ())):
-        raise RecordingError(f"{given.path or 'the recording'} has no q_des_J, so no drive can start from it; add it")
-    driven, robot, flags, notes = prepared_model(model.robot.name, model, [given], None)
-    grid = servo_grid(given, robot)
+    recording = as_recording(recording, model.robot, "export")
+    if not any(recording.columns.get("q_des", ())):
+        raise RecordingError(
+            f"{recording.path or 'the recording'} has no q_des_J, so no drive can start from it; add it"
+        )
+    driven, robot, flags, notes = prepared_model(model.robot.name, model, [recording], None)
+    grid = servo_grid(recording, robot)
     motion = motion_of(grid)
     held, dry = dict[str, float](), dict[str, Servo]()
     for j, joint in enumerate(grid.joints):
         if servo := driven.servos.get(joint):
             held[joint] = held_before(grid, j)
             if servo.load_friction > 0:
-                level = servo.coulomb_friction + servo.load_friction * _mean_torque(servo, grid, j, motion)
+                command = commands_at(grid, j, servo.kd_on, servo.delay, servo.profile_speed, 1)
+                torque = servo.kp * (command[0] - motion.q[:, j]) + servo.kd * (command[1] - motion.v[:, j])
+                mean = float(np.mean(np.abs(np.clip(torque, -servo.effort_limit, servo.effort_limit))))
+                level = servo.coulomb_friction + servo.load_friction * mean
                 dry[joint] = servo.with_(load_friction=0.0, coulomb_friction=level)
-    notes = [*flags, *notes, *_condition_notes(driven, grid)]
+    notes = [*flags, *notes]
+    at = [j for j, joint in enumerate(grid.joints) if joint in driven.servos]
+    conditions = {  # that no exported drive knows
+        "firmware gain": bool((grid.gain[at] != 1).any()),
+        "supply voltage": bool((grid.voltage[:, at] != 1).any()),
+        "torque off": bool((grid.on[:, at] < 0.5).any()),
+        "feed-forward torque": grid.feed_forward is not None and bool(grid.feed_forward[:, at].any()),
+    }
+    if differing := [name for name, differs in conditions.items() if differs]:
+        notes.append(f"the drives do not have the {' and '.join(differing)} of the recording")
     if dry:
         notes.append(
             f"dry friction of {shorten(list(dry))} has load_friction in it, at the mean torque of the recording"
         )
-    if len(servo_grids(given, robot)) > 1:
+    if len(servo_grids(recording, robot)) > 1:
         notes.append("only the longest stretch of the recording without gaps is written")
     written = with_servos(model, {**model.servos, **dry}, complete=True) if dry else model
     return Loop(driven, written, grid, *first_state(driven, grid), held, tuple(notes))
-
-
-def _mean_torque(servo: Servo, grid: ServoGrid, joint: int, motion: Moved) -> float:
-    """Mean absolute torque of a drive along a motion [N.m or N]."""
-    command = commands_at(grid, joint, servo.kd_on, servo.delay, servo.profile_speed, 1)
-    torque = servo.kp * (command[0] - motion.q[:, joint]) + servo.kd * (command[1] - motion.v[:, joint])
-    return float(np.mean(np.abs(np.clip(torque, -servo.effort_limit, servo.effort_limit))))
 
 
 def with_loop(kind: str, made: Exported, loop: Loop) -> Exported:
@@ -92,25 +98,19 @@ def with_loop(kind: str, made: Exported, loop: Loop) -> Exported:
     An MJCF gets a keyframe; files of Isaac Lab and mjlab get START and HELD.
     """
     if kind != "mjcf":
-        return replace(made, text=made.text + _python(loop), notes=(*made.notes, *loop.notes))
+        names = [re.escape(joint) for joint in loop.grid.joints]
+        states = {"q": zip(names, loop.q, strict=True), "v": zip(names, loop.v, strict=True), "held": loop.held.items()}
+        written = {
+            key: json.dumps({name: float(f"{x:.6g}") for name, x in values}, ensure_ascii=False, indent=4)
+            for key, values in states.items()
+        }
+        text = _START_TEXT.format(name=_log_name(loop), **written)
+        return replace(made, text=made.text + text, notes=(*made.notes, *loop.notes))
     note = (
         f"the keyframe start is the state of {_log_name(loop)} at its first row; it does not hold the commands before "
         f"it: call mj_initCtrlHistory with its ctrl"
     )
     return replace(made, text=_with_keyframe(made.text, loop), notes=(*made.notes, note, *loop.notes))
-
-
-def _condition_notes(model: Model, grid: ServoGrid) -> list[str]:
-    """A note on conditions of a recording that no exported drive knows."""
-    at = [j for j, joint in enumerate(grid.joints) if joint in model.servos]
-    conditions = {
-        "firmware gain": bool((grid.gain[at] != 1).any()),
-        "supply voltage": bool((grid.voltage[:, at] != 1).any()),
-        "torque off": bool((grid.on[:, at] < 0.5).any()),
-        "feed-forward torque": grid.feed_forward is not None and bool(grid.feed_forward[:, at].any()),
-    }
-    some = [name for name, differs in conditions.items() if differs]
-    return [f"the drives do not have the {' and '.join(some)} of the recording"] if some else []
 
 
 def _with_keyframe(text: str, loop: Loop) -> str:
@@ -133,17 +133,6 @@ def _with_keyframe(text: str, loop: Loop) -> str:
         key.set(name, values)
     etree.indent(root)
     return str(etree.tostring(root, encoding="unicode")) + "\n"
-
-
-def _python(loop: Loop) -> str:
-    """START and HELD, as Python."""
-    names = [re.escape(joint) for joint in loop.grid.joints]
-    each = {"q": zip(names, loop.q, strict=True), "v": zip(names, loop.v, strict=True), "held": loop.held.items()}
-    written = {
-        key: json.dumps({name: float(f"{x:.6g}") for name, x in pairs}, ensure_ascii=False, indent=4)
-        for key, pairs in each.items()
-    }
-    return _START_TEXT.format(name=_log_name(loop), **written)
 
 
 def _log_name(loop: Loop) -> str:

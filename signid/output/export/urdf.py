@@ -87,30 +87,24 @@ def urdf_with(
         raise RobotError(f"export of {robot.name} needs arrays of shapes {expected} for bodies and friction")
     text, elements = robot.document, _elements(robot.document)
     inertials = dict(zip(robot.links, bodies, strict=True))
-    friction = _friction(robot, viscous, coulomb)
+    friction = dict[str, _Friction]()
+    for name, joint in list(zip(robot.model.names, robot.model.joints, strict=True))[1:]:
+        leads = np.flatnonzero(robot.drive[joint.idx_v])
+        if name in robot.joints:
+            friction[name] = (viscous[robot.index(name)], coulomb[robot.index(name)])
+        elif len(leads):  # a mimic joint, whose leader includes its friction
+            friction[name] = (0.0 * viscous[leads[0]], 0.0 * coulomb[leads[0]])
     edits = [*_inertial_edits(text, elements, inertials), *_friction_edits(text, elements, friction)]
     for edit in sorted(edits, reverse=True):
         text = text[: edit.start] + edit.text + text[edit.stop :]
     return text
 
 
-def _friction(robot: Robot, viscous: Array, coulomb: Array) -> dict[str, _Friction]:
-    """Damping and friction per joint of the model; zero for mimic joints, whose leader includes theirs."""
-    found = {}
-    for name, joint in list(zip(robot.model.names, robot.model.joints, strict=True))[1:]:
-        leads = np.flatnonzero(robot.drive[joint.idx_v])
-        if name in robot.joints:
-            found[name] = (viscous[robot.index(name)], coulomb[robot.index(name)])
-        elif len(leads):
-            found[name] = (0.0 * viscous[leads[0]], 0.0 * coulomb[leads[0]])
-    return found
-
-
 def _elements(text: str) -> list[_Element]:
     """Links and joints of the robot with their children and character positions."""
     data = without_declaration(text).encode()
     character = np.cumsum(np.frombuffer(data, np.uint8) & 0xC0 != 0x80) - 1  # index of the character of each byte
-    stack, found = list[_Element](), list[_Element]()
+    stack, elements = list[_Element](), list[_Element]()
     parser = expat.ParserCreate("utf-8")
 
     def start(tag: str, attributes: dict[str, str]) -> None:
@@ -124,13 +118,13 @@ def _elements(text: str) -> list[_Element]:
         closed = text[element.inside - 2] == "/"
         stop = element.inside if closed else text.index(">", int(character[parser.CurrentByteIndex])) + 1
         if len(stack) == 1:
-            found.append(element._replace(stop=stop))
+            elements.append(element._replace(stop=stop))
         elif len(stack) == 2:
             stack[-1].children.append(element._replace(stop=stop))
 
     parser.StartElementHandler, parser.EndElementHandler = start, end
     parser.Parse(data, True)
-    return [element for element in found if element.tag in ("link", "joint")]
+    return [element for element in elements if element.tag in ("link", "joint")]
 
 
 def _inertial_edits(text: str, elements: list[_Element], inertials: Mapping[str, Array]) -> Iterator[_Edit]:
@@ -141,7 +135,18 @@ def _inertial_edits(text: str, elements: list[_Element], inertials: Mapping[str,
             continue
         stated = [child for child in link.children if child.tag == "inertial"]
         if name == link.name:
-            yield _inserted(text, link, stated[0] if stated else None, _inertial(name, inertials[name]))
+            body = about_centre(inertials[name])
+            if body is None:
+                raise RobotError(f"the inertial of link {name} cannot be written: it needs finite numbers and a mass")
+            mass, centre, inertia = body
+            xyz = quoteattr(" ".join(repr(float(x) + 0.0) for x in centre))
+            moments = " ".join(f"{key}={_quoted(inertia[i, j])}" for key, i, j in _INERTIA_ATTRIBUTES)
+            lines = [
+                f'  <origin xyz={xyz} rpy="0 0 0"/>',
+                f"  <mass value={_quoted(mass)}/>",
+                f"  <inertia {moments}/>",
+            ]
+            yield _inserted(text, link, stated[0] if stated else None, ["<inertial>", *lines, "</inertial>"])
         else:
             remark = f"<!-- inertial included in that of {re.sub('-(?=-)', '- ', name)} -->"
             yield from (_Edit(child.start, child.stop, remark) for child in stated[:1])
@@ -150,15 +155,15 @@ def _inertial_edits(text: str, elements: list[_Element], inertials: Mapping[str,
 def _friction_edits(text: str, elements: list[_Element], friction: Mapping[str, _Friction]) -> Iterator[_Edit]:
     for joint in (element for element in elements if element.tag == "joint"):
         viscous, coulomb = friction.get(joint.name, (np.nan, np.nan))
-        given = {key: x for key, x in (("damping", viscous), ("friction", coulomb)) if not np.isnan(x)}
-        if not given:
+        values = {key: x for key, x in (("damping", viscous), ("friction", coulomb)) if not np.isnan(x)}
+        if not values:
             continue
         stated = next((child for child in joint.children if child.tag == "dynamics"), None)
-        if stated is None and any(given.values()):
-            tag = f"<dynamics {' '.join(f'{key}={_quoted(x)}' for key, x in given.items())}/>"
+        if stated is None and any(values.values()):
+            tag = f"<dynamics {' '.join(f'{key}={_quoted(x)}' for key, x in values.items())}/>"
             yield _inserted(text, joint, None, [tag])
         elif stated is not None:
-            yield _Edit(stated.start, stated.inside, _attributed(text[stated.start : stated.inside], given))
+            yield _Edit(stated.start, stated.inside, _attributed(text[stated.start : stated.inside], values))
 
 
 def _attributed(tag: str, values: Mapping[str, float]) -> str:
@@ -176,7 +181,7 @@ def _attributed(tag: str, values: Mapping[str, float]) -> str:
 
 def _inserted(text: str, parent: _Element, stated: _Element | None, lines: list[str]) -> _Edit:
     """Replace an element by lines, or insert them as first child of its parent, indented accordingly."""
-    margin, newline = _margin(text, parent.start), _newline(text)
+    margin, newline = _margin(text, parent.start), "\r\n" if "\r\n" in text else "\n"
     inside = [stated] if stated else parent.children
     inner = next((_margin(text, child.start) for child in inside), margin + "  ")
     block = (newline + inner).join(lines)
@@ -188,26 +193,10 @@ def _inserted(text: str, parent: _Element, stated: _Element | None, lines: list[
     return _Edit(parent.inside, parent.inside, f"{newline}{inner}{block}")
 
 
-def _newline(text: str) -> str:
-    return "\r\n" if "\r\n" in text else "\n"
-
-
 def _margin(text: str, at: int) -> str:
     """Indentation of an element that starts its line; else empty."""
     before = text[text.rfind("\n", 0, at) + 1 : at]
     return before if not before.strip() else ""
-
-
-def _inertial(name: str, parameters: Array) -> list[str]:
-    """Lines of an <inertial> about the centre of mass, along the axes of the joint frame."""
-    body = about_centre(parameters)
-    if body is None:
-        raise RobotError(f"the inertial of link {name} cannot be written: it needs finite numbers and a mass")
-    mass, centre, inertia = body
-    moments = " ".join(f"{key}={_quoted(inertia[i, j])}" for key, i, j in _INERTIA_ATTRIBUTES)
-    xyz = quoteattr(" ".join(repr(float(x) + 0.0) for x in centre))
-    origin = f'  <origin xyz={xyz} rpy="0 0 0"/>'
-    return ["<inertial>", origin, f"  <mass value={_quoted(mass)}/>", f"  <inertia {moments}/>", "</inertial>"]
 
 
 def _quoted(value: float) -> str:

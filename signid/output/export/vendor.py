@@ -57,7 +57,15 @@ def flange_of(model: Model, names: str, flange: str | None, tool: str | None) ->
             f"mass and centre of the payload of {robot.name} are not identifiable; record motion of more joints for "
             f"`signid payload`"
         )
-    name, place = _frame(model, names, flange)
+    if flange is None:
+        frames = _frames(model)
+        named = [name for name in frames if re.fullmatch(rf"(.*[_/])?{names}", name)]
+        if len(named) != 1:
+            among = " or ".join(named) or f"none of {shorten(list(frames))} has a usual name"
+            raise OptionError(f"the flange frame of {robot.name} is not known ({among}); name it with --flange LINK")
+        name, place = named[0], frames[named[0]]
+    else:
+        name, place = flange, _placed(model, flange, "--flange")
     seen = load.seen_from(place)
     inertia, warning = _inertia(seen)
     notes = [
@@ -98,18 +106,6 @@ def _placed(model: Model, name: str, option: str) -> pin.SE3:
     return frames[name]
 
 
-def _frame(model: Model, names: str, flange: str | None) -> tuple[str, pin.SE3]:
-    """Name and placement of the flange frame."""
-    if flange is not None:
-        return flange, _placed(model, flange, "--flange")
-    frames = _frames(model)
-    found = [name for name in frames if re.fullmatch(rf"(.*[_/])?{names}", name)]
-    if len(found) != 1:
-        among = " or ".join(found) or f"none of {shorten(list(frames))} has a usual name"
-        raise OptionError(f"the flange frame of {model.robot.name} is not known ({among}); name it with --flange LINK")
-    return found[0], frames[found[0]]
-
-
 def _inertia(load: Load) -> tuple[Array | None, list[str]]:
     """Inertia about the centre (3, 3) [kg.m2] with a note if it is uncertain, or why it is left out."""
     (xx, xy, yy, xz, yz, zz), std = load.inertia
@@ -141,15 +137,11 @@ def _stated(load: Load, inertia: Array | None, model: Model, frame: str) -> Iter
     if inertia is not None:
         parts.append((INERTIAL[4:], *load.inertia, "kg.m2"))
     for names, values, stds, unit in parts:
-        each = zip(names, values, stds, strict=True)
-        pairs = ", ".join(f"{name} {_interval(float(value), TWO_SIDED * float(std))}" for name, value, std in each)
-        yield f"95 % intervals: {pairs} {unit}"
-
-
-def _interval(value: float, half: float) -> str:
-    """Value and half width of its interval, both with the decimals of two digits of the half width."""
-    places = max(0, 1 - int(np.floor(np.log10(half)))) if half > 0 else 6
-    return f"{value:.{places}f} +- {decimals(half, 2)}"
+        intervals = []  # value and half width, both with the decimals of two digits of the half width
+        for name, value, half in zip(names, values.tolist(), (TWO_SIDED * stds).tolist(), strict=True):
+            places = max(0, 1 - int(np.floor(np.log10(half)))) if half > 0 else 6
+            intervals.append(f"{name} {value:.{places}f} +- {decimals(half, 2)}")
+        yield f"95 % intervals: {', '.join(intervals)} {unit}"
 
 
 def rounded(values: Array) -> list[float]:
@@ -169,58 +161,55 @@ def write_franka(model: Model, flange: str | None = None, tool: str | None = Non
 
     JSON has no comments and Franka names all of its keys, so that frames, units and intervals stand in the header.
     """
-    found = flange_of(model, FRANKA_FLANGE, flange, tool)
-    inertia = column_major(np.zeros((3, 3)) if found.inertia is None else found.inertia)
+    payload = flange_of(model, FRANKA_FLANGE, flange, tool)
+    inertia = column_major(np.zeros((3, 3)) if payload.inertia is None else payload.inertia)
+    mass, centre = rounded(np.array([payload.mass]))[0], rounded(payload.centre)
     slug = re.sub(r"[^a-z0-9]+", "-", model.robot.name.lower()).strip("-")
     document = {
         "id": f"payload-{slug}",
         "name": f"Payload of {model.robot.name}",
         "color": "#808080",
-        "mass": rounded(np.array([found.mass]))[0],
-        "centerOfMass": rounded(found.centre),
-        "transformation": column_major(np.eye(4) if found.tool is None else found.tool.homogeneous),
+        "mass": mass,
+        "centerOfMass": centre,
+        "transformation": column_major(np.eye(4) if payload.tool is None else payload.tool.homogeneous),
         "inertia": inertia,
     }
     notes = [
-        *found.notes,
+        *payload.notes,
         "Desk imports an archive that holds this file as endeffector-config.json; use it or setLoad, not both",
-        *([] if found.inertia is not None else ["zeros stand for the inertia"]),
+        *([] if payload.inertia is not None else ["zeros stand for the inertia"]),
         *([] if tool is not None else ["the tool frame is the flange, since no --tool LINK is named"]),
     ]
     units = "mass [kg], centre of mass [m] in the flange frame, inertia [kg.m2] column by column"
-    lines = [f"{WRITTEN}: numbers of franka::Robot::setLoad", units, *found.said, *notes]
+    lines = [f"{WRITTEN}: numbers of franka::Robot::setLoad", units, *payload.said, *notes]
     header = [
         *(f"// {c_comment(line)}" for line in lines),
         "#pragma once",
         "#include <array>",
-        f"constexpr double load_mass = {document['mass']!r};",
-        f"constexpr std::array<double, 3> F_x_Cload{{{{{_joined_values(document['centerOfMass'])}}}}};",
-        f"constexpr std::array<double, 9> load_inertia{{{{{_joined_values(inertia)}}}}};",
+        f"constexpr double load_mass = {mass!r};",
+        f"constexpr std::array<double, 3> F_x_Cload{{{{{', '.join(map(repr, centre))}}}}};",
+        f"constexpr std::array<double, 9> load_inertia{{{{{', '.join(map(repr, inertia))}}}}};",
         "// robot.setLoad(load_mass, F_x_Cload, load_inertia);",
     ]
     text = json.dumps(document, indent=2, ensure_ascii=False) + "\n"
     return Exported(text, tuple(notes), {"_load.h": "\n".join(header) + "\n"})
 
 
-def _joined_values(values: object) -> str:
-    return ", ".join(map(repr, values)) if isinstance(values, list) else ""
-
-
 def write_kuka(model: Model, flange: str | None = None, tool: str | None = None) -> Exported:
     """Write `LOAD_DATA[1]`, and `TOOL_DATA[1]` if a tool frame is named."""
-    found = flange_of(model, KUKA_FLANGE, flange, tool)
-    moments, axes = _principal(np.zeros((3, 3)) if found.inertia is None else found.inertia)
-    load = f"{{M {_real(found.mass)},CM {_pose(found.centre, axes)},J {_labelled('XYZ', moments)}}}"
+    payload = flange_of(model, KUKA_FLANGE, flange, tool)
+    moments, axes = _principal(np.zeros((3, 3)) if payload.inertia is None else payload.inertia)
+    load = f"{{M {_real(payload.mass)},CM {_pose(payload.centre, axes)},J {_labelled('XYZ', moments)}}}"
     lines = [f"LOAD_DATA[1]={load}"]
-    if found.tool is not None:
-        lines.append(f"TOOL_DATA[1]={_pose(found.tool.translation, found.tool.rotation)}")
+    if payload.tool is not None:
+        lines.append(f"TOOL_DATA[1]={_pose(payload.tool.translation, payload.tool.rotation)}")
     notes = [
-        *found.notes,
+        *payload.notes,
         "the index 1 stands for the number of the tool",
-        *([] if found.inertia is not None else ["zeros stand for the moments of inertia J"]),
+        *([] if payload.inertia is not None else ["zeros stand for the moments of inertia J"]),
     ]
     said = [
-        *found.said,
+        *payload.said,
         "M [kg]; X, Y, Z [mm] and A, B, C [deg] of CM: centre of mass and principal axes in the flange frame",
         "A, B, C: rotations about Z, the new Y and the new X; J: principal moments [kg.m2] about the centre of mass",
         *notes,
@@ -231,7 +220,9 @@ def write_kuka(model: Model, flange: str | None = None, tool: str | None = None)
 def _principal(inertia: Array) -> tuple[Array, Array]:
     """Principal moments (3,) [kg.m2] and axes as columns (3, 3) [1], nearest to those of the flange."""
     moments, axes = np.linalg.eigh(inertia)
-    order = list(max(permutations(range(3)), key=lambda some: float(np.abs(np.diag(axes[:, list(some)])).sum())))
+    order = list(
+        max(permutations(range(3)), key=lambda axis_order: float(np.abs(np.diag(axes[:, list(axis_order)])).sum()))
+    )
     axes = axes[:, order] * np.where(np.diag(axes[:, order]) < 0, -1.0, 1.0)
     if np.linalg.det(axes) < 0:
         axes[:, np.argmin(np.diag(axes))] *= -1.0
@@ -255,22 +246,22 @@ def _real(value: float) -> str:
 
 def write_ur(model: Model, flange: str | None = None, tool: str | None = None) -> Exported:
     """Write `set_target_payload`, and `set_tcp` if a tool frame is named."""
-    found = flange_of(model, UR_FLANGE, flange, tool)
-    numbers = [_rounded_text(np.array([found.mass]))[1:-1], _rounded_text(found.centre)]
+    payload = flange_of(model, UR_FLANGE, flange, tool)
+    numbers = [_rounded_text(np.array([payload.mass]))[1:-1], _rounded_text(payload.centre)]
     calls = [f"set_target_payload({', '.join(numbers)})"]
-    if found.inertia is not None:
-        six = _rounded_text(found.inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
+    if payload.inertia is not None:
+        six = _rounded_text(payload.inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
         calls = [f"set_target_payload({', '.join(numbers)}, {six})"]
-    if found.tool is not None:
-        calls.append(f"set_tcp(p{_rounded_text(np.append(found.tool.translation, pin.log3(found.tool.rotation)))})")
+    if payload.tool is not None:
+        calls.append(f"set_tcp(p{_rounded_text(np.append(payload.tool.translation, pin.log3(payload.tool.rotation)))})")
     said = [
-        *found.said,
+        *payload.said,
         "mass [kg], centre of gravity [m] in the tool flange frame, inertia [Ixx, Iyy, Izz, Ixy, Ixz, Iyz] [kg.m2]",
-        *(["tool: position [m], rotation vector [rad] in the tool flange frame"] if found.tool is not None else []),
-        *found.notes,
+        *(["tool: position [m], rotation vector [rad] in the tool flange frame"] if payload.tool is not None else []),
+        *payload.notes,
         f"software without set_target_payload: set_payload({', '.join(numbers)})",
     ]
-    return Exported(remarks(said) + "\n".join(calls) + "\n", found.notes)
+    return Exported(remarks(said) + "\n".join(calls) + "\n", payload.notes)
 
 
 def _rounded_text(values: Array) -> str:

@@ -69,7 +69,7 @@ def read_found(diagnosis: Diagnosis | ServoDiagnosis | str | Path) -> ReplayFind
     """
     if isinstance(diagnosis, Diagnosis):
         shown = (ReplayFinding(x.law, x.std, x.probability, x.role == "cause", x.stated) for x in diagnosis.findings)
-        left = tuple(one.share for one in diagnosis.without_cause)
+        left = tuple(cause.share for cause in diagnosis.without_cause)
         return ReplayFindings(diagnosis.verdict, diagnosis.model, tuple(shown), left=left)
     if not isinstance(diagnosis, str | Path):
         content = servo_diagnosis_document(diagnosis)
@@ -133,65 +133,70 @@ class Mark:
     joints: tuple[str, ...] = ()  # joints on which the law acts; empty: all
 
 
-def marks(found: ReplayFindings, reach: float, origin: float = 0.0) -> list[Mark]:
+def marks(diagnosis: ReplayFindings, reach: float, origin: float = 0.0) -> list[Mark]:
     """Place a mark for each finding, causes first; `reach` is that of the robot [m].
 
     Labels count times from the time stamp `origin` [s]. Findings at position drives are rings at their joints.
     """
-    robot, placed = found.after.robot, list[Mark]()
-    for finding in found.findings:
+    robot, placed = diagnosis.after.robot, list[Mark]()
+    for finding in diagnosis.findings:
         law = finding.law
         joints = () if law_place(law, robot)[0] is None else tuple(robot.joints[j] for j in law.joints)
         placed.append(replace(_mark(robot, finding, reach, origin), joints=joints))
-    for one in found.drives:
-        body, along, _ = axis(robot, robot.index(one.joint))
-        title = sentence_case(f"{one.effect.replace('_', ' ')} of {one.joint}")
+    for effect, joint, numbers, probability, cause in diagnosis.drives:
+        body, along, _ = axis(robot, robot.index(joint))
+        title = sentence_case(f"{effect.replace('_', ' ')} of {joint}")
         shown = [
-            f"{key.replace('_', ' ')} {_figure(x, TWO_SIDED * std)} {unit}"
-            for key, (x, std, unit) in one.numbers.items()
+            f"{key.replace('_', ' ')} {_figure(x, TWO_SIDED * std)} {unit}" for key, (x, std, unit) in numbers.items()
         ]
-        lines = (*shown[:MAX_LABEL_PARAMETERS], _probability_words(one.probability))
-        placed.append(Mark("joint", body, title, lines, one.cause, (0.0, 0.0, 0.0), tuple(along), joints=(one.joint,)))
+        lines = (*shown[:MAX_LABEL_PARAMETERS], _probability_words(probability))
+        placed.append(Mark("joint", body, title, lines, cause, (0.0, 0.0, 0.0), tuple(along), joints=(joint,)))
     return sorted(placed, key=lambda mark: not mark.cause)
 
 
-def headline(found: ReplayFindings) -> str:
+def headline(diagnosis: ReplayFindings) -> str:
     """The verdict of a diagnosis in a sentence, with at most three causes."""
-    robot = found.after.robot
-    if found.verdict == "nothing_missing":
+    robot = diagnosis.after.robot
+    if diagnosis.verdict == "nothing_missing":
         return "Nothing is missing in the simulation."
-    if found.verdict == "undecided":
+    if diagnosis.verdict == "undecided":
         return "The recordings do not show whether something is missing."
-    causes = [named(robot, x.law, x.std, x.stated) for x in found.findings if x.cause]
-    if found.drives:
-        listed = [f"{x.effect.replace('_', ' ')} of {x.joint}" for x in found.drives if x.cause]
+    causes = [named(robot, x.law, x.std, x.stated) for x in diagnosis.findings if x.cause]
+    if diagnosis.drives:
+        listed = [f"{x.effect.replace('_', ' ')} of {x.joint}" for x in diagnosis.drives if x.cause]
         return f"Missing or wrongly stated: {', '.join(listed)}."
-    return sentence_case(causes_words(causes, found.verdict == "named", len(robot.joints), found.left)) + "."
+    return sentence_case(causes_words(causes, diagnosis.verdict == "named", len(robot.joints), diagnosis.left)) + "."
 
 
 def _probability_words(probability: float) -> str:
     return "probability >0.999" if probability > 0.999 else f"probability {probability:.3f}"
 
 
-def _mark(robot: Robot, finding: ReplayFinding, reach: float, since: float) -> Mark:
-    law = finding.law
+def _mark(robot: Robot, finding: ReplayFinding, reach: float, origin: float) -> Mark:
+    """A finding in words, the first parameters with their 95 % intervals, at its place."""
+    law, centre = finding.law, (0.0, 0.0, 0.0)
     joint, _ = law_place(law, robot)
     title = sentence_case(finding_headline(named(robot, law, finding.std, finding.stated)))
-    words = (title, _numbers(robot, finding, since), finding.cause)
-    p = law.parameters
+    p, shown, units = law.parameters, list[str](), law_units(robot, law)
+    for key in [key for key in p if key not in law.effect.optional][:MAX_LABEL_PARAMETERS]:
+        value, std, unit = p[key], finding.std.get(key), units[key]
+        value -= origin if key in ("start", "end") else 0.0
+        half = TWO_SIDED * std if std is not None and isfinite(std) else 0.0
+        if not (shown and abs(value) < half):  # others are consistent with zero
+            shown.append(f"{key.replace('_', ' ')} {_figure(value, half)}{'' if unit == '1' else f' {unit}'}")
+    words = (title, (*shown, _probability_words(finding.probability)), finding.cause)
     if {"force_x", "force_y", "force_z"} <= p.keys():
         body = joint_of_row(robot.model, own_row(robot, len(robot.joints) - 1))
         place = tuple(robot.model.inertias[body].lever), tuple(-_vector(p, "force"))
         return Mark("force", body, *words, *place, time=(p["start"], p["end"]))
     if isinstance(law.effect, BodyLaw) and "first_moment_x" in p:
         return _body(robot, law, words, reach)
-    origin = (0.0, 0.0, 0.0)
     if law.effect.name == "base_tilt":
-        return Mark("tilt", 0, *words, origin, (float(p["x"]), float(p["y"]), 0.0))
+        return Mark("tilt", 0, *words, centre, (float(p["x"]), float(p["y"]), 0.0))
     if joint is None:
-        return Mark("robot", 0, *words, origin, (0.0, 0.0, 1.0))
+        return Mark("robot", 0, *words, centre, (0.0, 0.0, 1.0))
     body, along, _ = axis(robot, law.joints[0])
-    return Mark("joint", body, *words, origin, tuple(along))
+    return Mark("joint", body, *words, centre, tuple(along))
 
 
 def _body(robot: Robot, law: Law, words: tuple[str, tuple[str, ...], bool], reach: float) -> Mark:
@@ -207,19 +212,6 @@ def _body(robot: Robot, law: Law, words: tuple[str, tuple[str, ...], bool], reac
         centre = robot.model.inertias[body].lever
     radius = float(np.cbrt(3 * abs(mass) / (4 * np.pi * DRAWN_DENSITY)))
     return Mark("body", body, title, lines, cause, tuple(centre), tuple(along), min(radius, reach / 4))
-
-
-def _numbers(robot: Robot, finding: ReplayFinding, origin: float) -> tuple[str, ...]:
-    """The first parameters with their 95 % intervals, and the probability."""
-    law, shown, units = finding.law, list[str](), law_units(robot, finding.law)
-    for key in [key for key in law.parameters if key not in law.effect.optional][:MAX_LABEL_PARAMETERS]:
-        value, std, unit = law.parameters[key], finding.std.get(key), units[key]
-        value -= origin if key in ("start", "end") else 0.0
-        half = TWO_SIDED * std if std is not None and isfinite(std) else 0.0
-        if shown and abs(value) < half:
-            continue  # consistent with zero
-        shown.append(f"{key.replace('_', ' ')} {_figure(value, half)}{'' if unit == '1' else f' {unit}'}")
-    return (*shown, _probability_words(finding.probability))
 
 
 def _figure(value: float, half: float) -> str:

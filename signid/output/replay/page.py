@@ -1,33 +1,37 @@
-"""Self-contained HTML file of a replay: Meshcat's viewer, shapes, motion and player."""
+"""Self-contained HTML file of a replay: Meshcat's viewer, shapes, motion and player; and a local server of it."""
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
+import io
 import json
+import threading
 from base64 import b64encode
 from dataclasses import asdict, dataclass
 from html import escape
 from importlib.util import find_spec
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from ...errors import OptionError
+from ...errors import OptionError, OutputError
 from ...types import Array, Frozen, Robot
 from ..report.documents import rms
-from ..report.layout import content_policy, position_units, torque_units
+from ..report.layout import NO_CONNECTION, content_policy, position_units, torque_units
 from .marks import Mark
 from .shapes import Look
 from .track import Track
-
-if TYPE_CHECKING:
-    from .live import Live
 
 PAGE_FOLDER = Path(__file__).parent
 SCRIPTS = ("scene.js", "colours.js", "curves.js", "player.js")
 OUTLINE_POSES, OUTLINE_DIRECTIONS = 80, 400  # number of poses and of directions for the search of outermost points
 COLOUR_SCALE_QUANTILE = 0.98  # quantile of the torque residuals covered by the colour scale
+LOCAL_ADDRESS = "127.0.0.1"  # no other machine can connect
+LOCAL_NAMES = r"(localhost|127\.0\.0\.1)"  # names of this machine; a foreign name of it in a request is refused
+MAX_START_SECONDS = 20.0  # time limit for the start of the server [s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +64,13 @@ class Replay(Frozen):
         blob = _Blob()
         content = _content(self, blob)
         player = "\n".join(['"use strict";', *((PAGE_FOLDER / name).read_text(encoding="utf-8") for name in SCRIPTS)])
-        viewer = _viewer()
+        spec = find_spec("meshcat")  # whose viewer is read without importing it
+        path = Path(str(spec.origin)).parent / "viewer" / "dist" / "main.min.js" if spec and spec.origin else None
+        if path is None or not path.is_file():
+            raise OptionError(
+                "the package meshcat, whose viewer the page contains, is not installed; pip install meshcat"
+            )
+        viewer = path.read_text(encoding="utf-8").replace("</script", "<\\/script")
         filled = {
             "POLICY": content_policy([viewer, player]),
             "TITLE": escape(self.title),
@@ -99,8 +109,6 @@ class Replay(Frozen):
 
     def show(self) -> Live:
         """Start a local Meshcat viewer that other programs can draw into."""
-        from .live import Live
-
         return Live(self.page())
 
 
@@ -122,7 +130,14 @@ class _Blob:
 
 
 def _content(replay: Replay, blob: _Blob) -> dict[str, Any]:
-    track, robot = replay.track, replay.robot
+    track, robot, bodies = replay.track, replay.robot, list[dict[str, Any]]()
+    size, units = np.abs(track.residual[0]), torque_units(robot) if track.command is None else position_units(robot)
+    scale = {unit: _round(size[:, np.array(units) == unit]) for unit in dict.fromkeys(units)}
+    outline = blob.put(_outline(replay), "f4")
+    for body, joint in zip(replay.bodies, replay.movers, strict=True):
+        bodies.append({"body": body, "joint": joint, "name": str(robot.model.names[body])})
+        if shape := replay.look.bodies.get(body):
+            bodies[-1] |= {"vertices": blob.put(shape.vertices, "f4"), "faces": blob.put(shape.faces, "u4")}
     return {
         "title": replay.title,
         "robot": robot.name,
@@ -131,7 +146,7 @@ def _content(replay: Replay, blob: _Blob) -> dict[str, Any]:
         "notes": list(replay.notes),
         "horizon": replay.horizon,
         "reach": replay.reach,
-        "outline": blob.put(_outline(replay), "f4"),
+        "outline": outline,
         "period": float(track.t[1] - track.t[0]) if len(track.t) > 1 else 1.0,
         "start": float(track.t[0]),
         "frames": len(track.t),
@@ -139,11 +154,11 @@ def _content(replay: Replay, blob: _Blob) -> dict[str, Any]:
         "joints": [
             {"name": name, "unit": unit, "length": length, "torque": size if np.isfinite(size) else None}
             for name, unit, length, size in zip(
-                robot.joints, _units(replay), position_units(robot), track.torque.tolist(), strict=True
+                robot.joints, units, position_units(robot), track.torque.tolist(), strict=True
             )
         ],
-        "scale": _scale(replay),
-        "bodies": [_body(replay, k, blob) for k in range(len(replay.bodies))],
+        "scale": {**scale, "share": _round(size / track.torque)},  # ends of the colours, by unit and of the rms
+        "bodies": bodies,
         "recorded": blob.put(replay.recorded, "f4"),
         "simulated": [blob.put(poses, "f4") for poses in replay.simulated],
         "window": blob.put(track.window, "i2" if track.window.max(initial=0) < 2**15 else "u4"),
@@ -158,18 +173,6 @@ def _content(replay: Replay, blob: _Blob) -> dict[str, Any]:
     }
 
 
-def _units(replay: Replay) -> list[str]:
-    """Unit of the residual of each joint."""
-    return position_units(replay.robot) if replay.track.command is not None else torque_units(replay.robot)
-
-
-def _body(replay: Replay, k: int, blob: _Blob) -> dict[str, Any]:
-    body = replay.bodies[k]
-    shape = replay.look.bodies.get(body)
-    entry: dict[str, Any] = {"body": body, "joint": replay.movers[k], "name": str(replay.robot.model.names[body])}
-    return entry | ({"vertices": blob.put(shape.vertices, "f4"), "faces": blob.put(shape.faces, "u4")} if shape else {})
-
-
 def _outline(replay: Replay) -> Any:
     """Outermost points of the recorded robot, (k, 3) [m], for the choice of the view."""
     corners = []
@@ -177,27 +180,15 @@ def _outline(replay: Replay) -> Any:
         k = replay.bodies.index(body)
         box = np.array(list(product(*zip(shape.vertices.min(axis=0), shape.vertices.max(axis=0), strict=True))))
         place = replay.recorded[:: max(1, len(replay.recorded) // OUTLINE_POSES), k]
-        corners.append((_rotated(place[:, None, 3:], box) + place[:, None, :3]).reshape(-1, 3))
+        along, w = place[:, None, 3:6], place[:, None, 6:]
+        twice = 2 * np.cross(along, box)
+        corners.append((box + w * twice + np.cross(along, twice) + place[:, None, :3]).reshape(-1, 3))
     points = np.concatenate(corners)
     height = np.linspace(-1, 1, OUTLINE_DIRECTIONS)  # directions on a spiral around a sphere
     turn = np.pi * (1 + 5**0.5) * np.arange(OUTLINE_DIRECTIONS)
     wide = np.sqrt(1 - height**2)
     ways = np.column_stack([wide * np.cos(turn), wide * np.sin(turn), height])
     return points[np.unique(np.argmax(points @ ways.T, axis=0))]
-
-
-def _rotated(quaternion: Any, points: Any) -> Any:
-    along, w = quaternion[..., :3], quaternion[..., 3:]
-    twice = 2 * np.cross(along, points)
-    return points + w * twice + np.cross(along, twice)
-
-
-def _scale(replay: Replay) -> dict[str, float]:
-    """Rounded ends of the colour scale, per torque unit and for the share of each joint's torque."""
-    size = np.abs(replay.track.residual[0])
-    units = np.array(_units(replay))
-    found = {unit: _round(size[:, units == unit]) for unit in dict.fromkeys(units.tolist())}
-    return {**found, "share": _round(size / replay.track.torque)}
 
 
 def _round(size: Any) -> float:
@@ -208,10 +199,88 @@ def _round(size: Any) -> float:
     return float(next(power * step for step in (1, 2, 5, 10) if power * step >= top * (1 - 1e-9)))
 
 
-def _viewer() -> str:
-    """Meshcat's viewer, read from its package without importing it."""
-    spec = find_spec("meshcat")
-    path = Path(str(spec.origin)).parent / "viewer" / "dist" / "main.min.js" if spec and spec.origin else None
-    if path is None or not path.is_file():
-        raise OptionError("the package meshcat, whose viewer the page contains, is not installed; pip install meshcat")
-    return path.read_text(encoding="utf-8").replace("</script", "<\\/script")
+class Live:
+    """A Meshcat server in a separate thread.
+
+    `url` is the address for a browser, `zmq_url` the address for `meshcat.Visualizer`.
+    """
+
+    def __init__(self, page: str) -> None:
+        """Start to serve a page.
+
+        Args:
+            page: HTML text.
+
+        Raises:
+            OutputError: no port is free.
+        """
+        self.url = self.zmq_url = ""
+        self._page = page.replace("<body>", '<body class="live">', 1)
+        self._loop: Any = None
+        self._started, self._failure = threading.Event(), ""
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+        if not self._started.wait(MAX_START_SECONDS) or self._failure:
+            raise OutputError(f"the replay cannot be served: {self._failure or 'no answer'}; write it with --html FILE")
+
+    def wait(self) -> None:
+        """Wait until the server is closed."""
+        while self._thread.is_alive():
+            self._thread.join(0.5)
+
+    def close(self) -> None:
+        """Stop the server."""
+        if self._loop is not None:
+            self._loop.call_soon_threadsafe(self._loop.stop)
+            self._thread.join(MAX_START_SECONDS)
+
+    def _serve(self) -> None:
+        self._loop = asyncio.new_event_loop()
+        asyncio.set_event_loop(self._loop)
+        try:
+            with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
+                bridge = _bridge(self._page)
+            self.url, self.zmq_url = f"http://{bridge.host}:{bridge.fileserver_port}/replay", bridge.zmq_url
+        except Exception as error:  # sockets and their libraries raise many types
+            self._failure = " ".join(str(error).split()) or type(error).__name__
+            return
+        finally:
+            self._started.set()
+        self._loop.run_forever()
+
+
+def _bridge(page: str) -> Any:
+    """Meshcat's server with an additional page."""
+    import tornado.web
+    from meshcat.servers.zmqserver import VIEWER_ROOT, StaticFileHandlerNoCache, WebSocketHandler, ZMQWebSocketBridge
+
+    class Page(tornado.web.RequestHandler):
+        def get(self) -> None:
+            self.set_header("Content-Security-Policy", "frame-ancestors 'none'")
+            self.write(page.replace(NO_CONNECTION, f"connect-src ws://{self.request.host}", 1))
+
+    class Socket(WebSocketHandler):  # type: ignore[misc]
+        def open(self) -> None:  # silent, unlike Meshcat's own
+            self.bridge.websocket_pool.add(self)
+            self.bridge.send_scene(self)
+
+        def on_close(self) -> None:
+            self.bridge.websocket_pool.discard(self)
+
+    class Application(tornado.web.Application):
+        def listen(self, *port: Any, **options: Any) -> Any:
+            return super().listen(*port, **{**options, "address": LOCAL_ADDRESS})
+
+    class Bridge(ZMQWebSocketBridge):  # type: ignore[misc]
+        def make_app(self) -> Any:
+            static: dict[str, Any] = {"path": str(Path(VIEWER_ROOT)), "default_filename": "index.html"}
+            handlers: list[Any] = [
+                (r"/replay", Page),
+                (r"/static/(.*)", StaticFileHandlerNoCache, static),
+                (r"/", Socket, {"bridge": self}),
+            ]
+            served = Application(log_function=lambda handler: None)
+            served.add_handlers(LOCAL_NAMES, handlers)
+            return served
+
+    return Bridge()

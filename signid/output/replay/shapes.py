@@ -47,10 +47,10 @@ def look(robot: Robot, package_dirs: Sequence[str | Path] = ()) -> Look:
     parts: dict[int, list[Triangles]] = {}
     missing: dict[int, list[str]] = {}
     if robot.kind == "urdf":
-        for body, found, lost in _stated(robot, package_dirs):
-            parts.setdefault(body, []).extend(found)
+        for body, shapes, lost in _stated(robot, package_dirs):
+            parts.setdefault(body, []).extend(shapes)
             missing.setdefault(body, []).extend(lost)
-    known = {body: joined(some) for body, some in parts.items() if some}
+    known = {body: joined(shapes) for body, shapes in parts.items() if shapes}
     bare = {body: shape for body, shape in _generated(robot).items() if body not in known}
     plain = {body: shape for body, shape in bare.items() if not known or missing.get(body)}  # others: none on purpose
     lost = list(dict.fromkeys(name for names in missing.values() for name in names))
@@ -87,15 +87,15 @@ def _stated(robot: Robot, package_dirs: Sequence[str | Path]) -> Iterator[tuple[
             continue
         frame, lost = robot.model.frames[place], list[str]()
         for kind in ("visual", "collision"):
-            found = []
+            shapes = []
             for element in children(link, kind):
                 shape = _shape(element, robot, package_dirs, lost)
                 if shape is not None:
                     put = frame.placement * origin(element)
-                    found.append(shape.moved(put.rotation, put.translation))
-            if found:
+                    shapes.append(shape.moved(put.rotation, put.translation))
+            if shapes:
                 break
-        yield frame.parentJoint, found, lost
+        yield frame.parentJoint, shapes, lost
 
 
 def _shape(element: Any, robot: Robot, package_dirs: Sequence[str | Path], lost: list[str]) -> Triangles | None:
@@ -125,16 +125,16 @@ def _generated(robot: Robot) -> dict[int, Triangles]:
         before, end = model.parents[joint], model.jointPlacements[joint].translation
         radius[joint] = RADIUS_RATIO * radius[before]
         parts.setdefault(before, []).append(between(np.zeros(3), end, radius[before]))
-        own = parts.setdefault(joint, [])
+        solids = parts.setdefault(joint, [])
         along, slides = own_axis(robot, joint)
         if not slides:
             side = DRUM_RADIUS_RATIO * radius[joint] * along
-            own.append(between(-side, side, DRUM_RADIUS_RATIO * radius[joint], round_ends=False))
+            solids.append(between(-side, side, DRUM_RADIUS_RATIO * radius[joint], round_ends=False))
         if _leaf(model, joint):
             lever = model.inertias[joint].lever if model.inertias[joint].mass > 0 else np.zeros(3)
             tip = 2 * lever if np.linalg.norm(lever) > ZERO_LENGTH else np.zeros(3)
-            own.append(between(np.zeros(3), tip, radius[joint]))
-    return {body: joined(some) for body, some in sorted(parts.items())}
+            solids.append(between(np.zeros(3), tip, radius[joint]))
+    return {body: joined(solids) for body, solids in sorted(parts.items())}
 
 
 def _read_mesh(path: Path, scale: Array) -> Triangles | None:
@@ -142,9 +142,9 @@ def _read_mesh(path: Path, scale: Array) -> Triangles | None:
     import coal
 
     try:
-        found = coal.MeshLoader(coal.BV_AABB).load(str(path), np.abs(scale))
-        triangles = map(found.tri_indices, range(found.num_tris))
-        vertices, faces = np.array(found.vertices()), np.array([(f[0], f[1], f[2]) for f in triangles])
+        mesh = coal.MeshLoader(coal.BV_AABB).load(str(path), np.abs(scale))
+        triangles = map(mesh.tri_indices, range(mesh.num_tris))
+        vertices, faces = np.array(mesh.vertices()), np.array([(f[0], f[1], f[2]) for f in triangles])
     except Exception:  # coal raises unrelated types
         return None
     if not len(faces) or not np.isfinite(vertices).all():
@@ -219,11 +219,11 @@ def simplify(mesh: Triangles, most: int) -> Triangles:
     best = _clustered(mesh, size)
     for _ in range(CELL_BISECTIONS):
         middle = (fine + coarse) / 2
-        found = _clustered(mesh, float(np.exp(middle)))
-        if len(found.faces) > most:
+        candidate = _clustered(mesh, float(np.exp(middle)))
+        if len(candidate.faces) > most:
             fine = middle
         else:
-            coarse, best = middle, found
+            coarse, best = middle, candidate
     return best
 
 

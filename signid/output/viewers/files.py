@@ -81,12 +81,12 @@ class Links:
 
     def _poses(self, q: Array, pairs: Sequence[tuple[int, int]]) -> list[Pose]:
         pin.framesForwardKinematics(self.robot.model, self.data, configuration(self.robot, q[None])[0])
-        frames, placed, found = self.robot.model.frames, self.data.oMf, []
+        frames, placed, poses = self.robot.model.frames, self.data.oMf, []
         for before, k in pairs:
             pose = placed[before].actInv(placed[k])
             turn: Any = pin.Quaternion(pose.rotation).coeffs()
-            found.append(Pose(frames[before].name, frames[k].name, pose.translation.tolist(), turn.tolist()))
-        return found
+            poses.append(Pose(frames[before].name, frames[k].name, pose.translation.tolist(), turn.tolist()))
+        return poses
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,21 +142,21 @@ class McapFile:
 
     def signals(self, signals: Sequence[Signal]) -> None:
         """Write a JointState of each signal for each instant, in the order of time."""
-        rows = [(t, one, i) for one in signals for i, t in enumerate(one.t.tolist())]
-        for t, one, i in sorted(rows, key=lambda row: round(row[0], 9)):  # by [ns]
-            values = {key: np.zeros(0) if (x := getattr(one, key)) is None else x[i] for key in QUANTITIES}
-            state = self._made("sensor_msgs/msg/JointState", header=self._header(t), name=list(one.joints), **values)
-            self._send(one.topic, t, state)
-            if one.drawn and self.links is not None and np.isfinite(values["position"]).all():
+        rows = [(t, series, i) for series in signals for i, t in enumerate(series.t.tolist())]
+        for t, series, i in sorted(rows, key=lambda row: round(row[0], 9)):  # by [ns]
+            values = {key: np.zeros(0) if (x := getattr(series, key)) is None else x[i] for key in QUANTITIES}
+            state = self._made("sensor_msgs/msg/JointState", header=self._header(t), name=list(series.joints), **values)
+            self._send(series.topic, t, state)
+            if series.drawn and self.links is not None and np.isfinite(values["position"]).all():
                 self._frames("/tf", t, self.links.poses(values["position"]))
 
     def remark(self, topic: str, remark: Remark) -> None:
         """Write a line of text, and an event also as JSON."""
         if remark.document:
             self._send("/signid/events", remark.t, self._made(TEXT_SCHEMA, data=remark.document))
-        given = {"level": WARN_LEVEL if remark.warning else INFO_LEVEL, "name": "signid", "msg": remark.sentence}
+        content = {"level": WARN_LEVEL if remark.warning else INFO_LEVEL, "name": "signid", "msg": remark.sentence}
         stamp = self._header(remark.t).stamp
-        log = self._made("rcl_interfaces/msg/Log", stamp=stamp, file="", function="", line=0, **given)
+        log = self._made("rcl_interfaces/msg/Log", stamp=stamp, file="", function="", line=0, **content)
         self._send(topic, remark.t, log)
 
     def close(self) -> None:
@@ -226,7 +226,7 @@ class RerunFile(McapFile):
 
     def signals(self, signals: Sequence[Signal]) -> None:
         """Write signals, each with its plots."""
-        self.shown |= {each.topic: each for each in signals}
+        self.shown |= {series.topic: series for series in signals}
         super().signals(signals)
 
     def close(self) -> None:
@@ -245,7 +245,9 @@ class RerunFile(McapFile):
             if self.links is not None:
                 drawn = self.place.with_name("robot.urdf")
                 drawn.write_bytes(_with_meshes(self.links.robot, self.package_dirs))
-                shapes = (each for each in UrdfTree.from_file_path(drawn).stream() if each.entity_path != "/tf_static")
+                shapes = (
+                    chunk for chunk in UrdfTree.from_file_path(drawn).stream() if chunk.entity_path != "/tf_static"
+                )
                 stream.send_chunks(list(shapes))  # messages move the links
             stream.send_chunks(McapReader(self.place, timeline_type=time, decoders=RERUN_DECODERS).stream())
             stream.send_blueprint(self._layout())
@@ -269,7 +271,9 @@ class RerunFile(McapFile):
                     tab.setdefault(joint, {})[f"{topic}/{quantity}"] = look
         tabs, drawn = [], []
         for title, tab in plots.items():
-            views = (blueprint.TimeSeriesView(name=joint, contents=[*own], overrides=own) for joint, own in tab.items())
+            views = (
+                blueprint.TimeSeriesView(name=joint, contents=[*looks], overrides=looks) for joint, looks in tab.items()
+            )
             tabs.append(blueprint.Grid(*views, name=title))
         if self.links is not None:
             frame = blueprint.SpatialInformation(target_frame=self.links.root)
@@ -344,7 +348,7 @@ class WatchLogs:
                 calm = isinstance(event, Note) or (isinstance(event, Contact) and event.end is not None)
                 text = json.dumps(event.document(), ensure_ascii=False)
                 remarks.append(Remark(event.t, self.sentence(event), not calm, text))
-            times = [*(float(each.t[0]) for each in signals), *(remark.t for remark in remarks)]
+            times = [*(float(series.t[0]) for series in signals), *(remark.t for remark in remarks)]
             for file, guard in self.files:
                 with guard():
                     if times and file.links is None and self.robot.kind == "urdf":
@@ -383,7 +387,7 @@ def _uninterrupted() -> Iterator[None]:
         yield
         return
     asked: list[object] = []
-    before = signal.signal(signal.SIGINT, lambda *given: asked.append(given))
+    before = signal.signal(signal.SIGINT, lambda *arguments: asked.append(arguments))
     try:
         yield
     finally:

@@ -96,37 +96,71 @@ class Scalar:
         return float(self.node[1]) if self.node[0] == "constant" else None
 
     def __add__(self, other: Any) -> Scalar:
-        return _sum(self, self.graph.scalar(other))
+        a, b = self, self.graph.scalar(other)
+        if a.value is not None and b.value is not None:
+            return a.graph.constant(a.value + b.value)
+        if a.value == 0 or b.value == 0:
+            return b if a.value == 0 else a
+        for x, y in ((a, b), (b, a)):
+            if y.node[0] == "negate":
+                return _difference(x, Scalar(x.graph, y.node[1]))
+        if _scale(b) < 0:
+            return _difference(a, -b)
+        if _scale(a) < 0:
+            return _difference(b, -a)
+        return a.graph.add(("add", *sorted((a.number, b.number))))
 
     def __radd__(self, other: Any) -> Scalar:
-        return _sum(self.graph.scalar(other), self)
+        return self.graph.scalar(other) + self
 
     def __sub__(self, other: Any) -> Scalar:
-        return _sum(self, -self.graph.scalar(other))
+        return self + -self.graph.scalar(other)
 
     def __rsub__(self, other: Any) -> Scalar:
-        return _sum(self.graph.scalar(other), -self)
+        return self.graph.scalar(other) + -self
 
     def __mul__(self, other: Any) -> Scalar:
-        return _product(self, self.graph.scalar(other))
+        a, b = self, self.graph.scalar(other)
+        if b.value is not None:
+            a, b = b, a
+        if a.value is None:
+            for x, y in ((a, b), (b, a)):
+                if x.node[0] == "negate":
+                    return -(Scalar(x.graph, x.node[1]) * y)
+            return a.graph.add(("multiply", *sorted((a.number, b.number))))
+        if b.value is not None:
+            return a.graph.constant(a.value * b.value)
+        if a.value in (0.0, 1.0, -1.0):
+            return a if a.value == 0 else b if a.value == 1 else -b
+        if b.node[0] == "negate":
+            return -a * Scalar(b.graph, b.node[1])
+        if b.node[0] == "multiply" and b.graph.nodes[b.node[1]][0] == "constant":
+            return a.graph.constant(a.value * b.graph.nodes[b.node[1]][1]) * Scalar(b.graph, b.node[2])
+        return a.graph.add(("multiply", a.number, b.number))
 
     def __rmul__(self, other: Any) -> Scalar:
-        return _product(self.graph.scalar(other), self)
+        return self.graph.scalar(other) * self
 
     def __truediv__(self, other: Any) -> Scalar:
         divisor = self.graph.scalar(other)
         if divisor.value is not None:
-            return _product(self, self.graph.constant(1.0 / divisor.value))
+            return self * (1.0 / divisor.value)
         return self.graph.constant(0.0) if self.value == 0 else self.graph.add(("divide", self.number, divisor.number))
 
     def __rtruediv__(self, other: Any) -> Scalar:
         return self.graph.scalar(other) / self
 
     def __neg__(self) -> Scalar:
-        return _negative(self)
-
-    def __pos__(self) -> Scalar:
-        return self
+        if self.value is not None:
+            return self.graph.constant(-self.value)
+        operation, *inner = self.node
+        if operation == "negate":
+            return Scalar(self.graph, inner[0])
+        if operation == "subtract":
+            return self.graph.add(("subtract", inner[1], inner[0]))
+        if operation == "multiply" and self.graph.nodes[inner[0]][0] == "constant":
+            return self.graph.constant(-self.graph.nodes[inner[0]][1]) * Scalar(self.graph, inner[1])
+        return self.graph.add(("negate", self.number))
 
     def __pow__(self, exponent: Any) -> Scalar:
         power = self.graph.scalar(exponent).value
@@ -168,34 +202,6 @@ def where(condition: Scalar, yes: Scalar, no: Scalar) -> Scalar:
     return yes if yes.number == no.number else yes.graph.add(("where", condition.number, yes.number, no.number))
 
 
-def _negative(x: Scalar) -> Scalar:
-    if x.value is not None:
-        return x.graph.constant(-x.value)
-    operation, *inner = x.node
-    if operation == "negate":
-        return Scalar(x.graph, inner[0])
-    if operation == "subtract":
-        return x.graph.add(("subtract", inner[1], inner[0]))
-    if operation == "multiply" and x.graph.nodes[inner[0]][0] == "constant":
-        return x.graph.constant(-x.graph.nodes[inner[0]][1]) * Scalar(x.graph, inner[1])
-    return x.graph.add(("negate", x.number))
-
-
-def _sum(a: Scalar, b: Scalar) -> Scalar:
-    if a.value is not None and b.value is not None:
-        return a.graph.constant(a.value + b.value)
-    if a.value == 0 or b.value == 0:
-        return b if a.value == 0 else a
-    for x, y in ((a, b), (b, a)):
-        if y.node[0] == "negate":
-            return _difference(x, Scalar(x.graph, y.node[1]))
-    if _scale(b) < 0:
-        return _difference(a, -b)
-    if _scale(a) < 0:
-        return _difference(b, -a)
-    return a.graph.add(("add", *sorted((a.number, b.number))))
-
-
 def _difference(a: Scalar, b: Scalar) -> Scalar:
     if a.number == b.number:
         return a.graph.constant(0.0)
@@ -208,22 +214,3 @@ def _scale(x: Scalar) -> float:
         return 1.0
     first = x.graph.nodes[x.node[1]]
     return float(first[1]) if first[0] == "constant" else 1.0
-
-
-def _product(a: Scalar, b: Scalar) -> Scalar:
-    if b.value is not None:
-        a, b = b, a
-    if a.value is None:
-        for x, y in ((a, b), (b, a)):
-            if x.node[0] == "negate":
-                return -_product(Scalar(x.graph, x.node[1]), y)
-        return a.graph.add(("multiply", *sorted((a.number, b.number))))
-    if b.value is not None:
-        return a.graph.constant(a.value * b.value)
-    if a.value in (0.0, 1.0, -1.0):
-        return a if a.value == 0 else b if a.value == 1 else -b
-    if b.node[0] == "negate":
-        return _product(-a, Scalar(b.graph, b.node[1]))
-    if b.node[0] == "multiply" and b.graph.nodes[b.node[1]][0] == "constant":
-        return a.graph.constant(a.value * b.graph.nodes[b.node[1]][1]) * Scalar(b.graph, b.node[2])
-    return a.graph.add(("multiply", a.number, b.number))

@@ -3,28 +3,18 @@
 from __future__ import annotations
 
 import re
-from typing import NamedTuple
 
 import numpy as np
 
 from ....model import Model
 from ....watch import blocks, intake, observer, quiet, watcher
 from ..bodies import summed
+from .dynamics import Bodies, Expressions, carried_wrench, cross, directed_laws, placement, rotor_torque, tree_of
 from .graph import Graph
-from .laws import directed_laws
 from .program import Function, Program, vector
-from .rigid import Bodies, Expressions, carried_wrench, cross, placement, rotor_torque, tree_of
 
 OBSERVER_TERMS = ("momentum of the bodies", "momentum", "C' v - g", "laws", "dry friction", "viscous friction")
 ROW_WEIGHT = 0.01  # [1] share of a row in the running means of the sampling period and of the noise of the velocity
-
-
-class ObserverCode(NamedTuple):
-    """Declarations for the header, functions for the source, and lines for the test program."""
-
-    header: str
-    source: str
-    test: str
 
 
 def observer_terms(model: Model) -> Program:
@@ -34,7 +24,8 @@ def observer_terms(model: Model) -> Program:
     of the observer [rad/s2 or m/s2, N.m or N]; slow: (n,) speed below which the direction of friction is uncertain.
     """
     graph, tree, n = Graph(), tree_of(model), len(model.robot.joints)
-    q, v, a, load, slow = (vector(graph, key, n) for key in ("q", "v", "a", "load", "slow"))
+    arguments = ("q", "v", "a", "load", "slow")
+    q, v, a, load, slow = (vector(graph, key, n) for key in arguments)
     momentum, force = momentum_and_force(graph, tree, q, v)
     graph.section = "momentum with rotors"
     whole = momentum + rotor_torque(tree, v)
@@ -42,13 +33,12 @@ def observer_terms(model: Model) -> Program:
     graph.section = "viscous friction"
     viscous = np.abs(np.nan_to_num(summed(model, "viscous_friction")) * v)
     outputs = np.concatenate([momentum, whole, force, laws, reversing, viscous])
-    arguments = ("q", "v", "a", "load", "slow")
     function = Function("observer_terms", arguments, "terms", tuple(map(graph.scalar, outputs)), "")
     return Program(graph, (function,))
 
 
-def observer_code(model: Model, name: str) -> ObserverCode:
-    """Text of the observer around its terms, from the constants of the watch."""
+def observer_code(model: Model, name: str) -> tuple[str, str, str]:
+    """Header, source and lines of the test program, from the constants of the watch; the terms are apart."""
     n = len(model.robot.joints)
     misfit = np.zeros(n) if model.misfit is None else np.nan_to_num(model.misfit.size)
     numbers = {
@@ -59,8 +49,8 @@ def observer_code(model: Model, name: str) -> ObserverCode:
         "MISFIT": f"{{{', '.join(repr(float(x)) for x in misfit)}}}",
     }
     pattern = re.compile(rf"\b({'|'.join(numbers)})(?=\b|_)")
-    header, source, test = (pattern.sub(lambda found: numbers[found[0]], text) for text in (_HEADER, _SOURCE, _TEST))
-    return ObserverCode(header, source, test)
+    header, source, test = (pattern.sub(lambda match: numbers[match[0]], text) for text in (_HEADER, _SOURCE, _TEST))
+    return header, source, test
 
 
 _OBSERVER_CONSTANTS = {

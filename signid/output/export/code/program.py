@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from typing import NamedTuple
@@ -16,9 +16,7 @@ from ....model import Model, torque_model
 from ....robot import configuration
 from ....robot.dynamics import mass_matrices, own_body
 from ....types import Array
-from .graph import Graph, Scalar, binary, unary
-from .laws import law_expressions
-from .rigid import (
+from .dynamics import (
     Bodies,
     Body,
     Expressions,
@@ -27,6 +25,7 @@ from .rigid import (
     cross,
     exact,
     joint_torque,
+    law_expressions,
     motions,
     placement,
     rigid_torque,
@@ -34,6 +33,7 @@ from .rigid import (
     tree_of,
     wrench,
 )
+from .graph import Graph, Scalar, binary, unary
 
 MASS_MEANING = (
     "mass matrix by rows, of the bodies, the armature and couplings of joints: mass_matrix(q) a + "
@@ -178,36 +178,6 @@ def _coupled(graph: Graph, model: Model, q: Expressions) -> Expressions:
     return np.array(columns).T
 
 
-@dataclass(frozen=True)
-class Language:
-    """Formats of a programming language."""
-
-    words: Mapping[str, str]  # of each operation, in its operands
-    variable: Callable[[str], str]  # text of an input such as "q[0]"
-    line: str  # in the name and the expression
-    comment: Callable[[str], str]  # line with a text
-
-
-def statements(program: Program, function: Function, language: Language) -> tuple[list[str], list[str]]:
-    """Lines that compute a function, one per operation, with comments, and the names or numbers of its outputs."""
-    graph, names, section = program.graph, dict[int, str](), ""
-    lines: list[str] = []
-    for number in graph.used(function.outputs):
-        operation, *inner = graph.nodes[number]
-        if operation == "variable":
-            names[number] = language.variable(inner[0])
-        elif operation == "constant":
-            names[number] = f"({inner[0]!r})" if inner[0] < 0 else repr(inner[0])
-        else:
-            if graph.sections[number] != section:
-                section = graph.sections[number]
-                lines.append(language.comment(section))
-            names[number] = f"t{number}"
-            words = language.words[operation].format(*(names[k] for k in inner))
-            lines.append(language.line.format(names[number], words))
-    return lines, [names[output.number] for output in function.outputs]
-
-
 class Frame(NamedTuple):
     """A frame that moves with a body."""
 
@@ -311,8 +281,12 @@ def mass_matrix(graph: Graph, tree: Bodies, q: Expressions) -> Expressions:
             first = turn @ moment
             masses[body.parent] = masses[body.parent] + mass
             moments[body.parent] = moments[body.parent] + first + mass * offset
-            turned = _turned(body, inertia, angles[k])
-            inertias[body.parent] = inertias[body.parent] + turned + _shift(offset, first + 0.5 * mass * offset)
+            inertias[body.parent] = inertias[body.parent] + _turned(body, inertia, angles[k])
+            about = first + 0.5 * mass * offset
+            x, y, z = 2.0 * offset * about
+            across = np.outer(-offset, about)
+            shift = np.diag([y + z, z + x, x + y]) + (across + across.T) * (1 - np.eye(3))  # -[offset][g] - [g][offset]
+            inertias[body.parent] = inertias[body.parent] + shift
     graph.section = "mass matrix with rotors"
     return tree.drive.T @ (matrix + np.diag(tree.rotors)) @ tree.drive
 
@@ -331,13 +305,6 @@ def _turned(body: Body, inertia: Expressions, angle: Scalar) -> Expressions:
     xz, yz, xy = c * xz - s * yz, s * xz + c * yz, xy + s * change
     spun = np.array([[yy + c * change, xy, xz], [xy, xx - c * change, yz], [xz, yz, zz]])
     return _congruent(exact(body.rotation @ basis), spun)
-
-
-def _shift(offset: Expressions, moment: Expressions) -> Expressions:
-    """-[p][g] - [g][p] (3, 3) [kg.m2] of an offset p [m] and a moment g [kg.m]."""
-    x, y, z = 2.0 * offset * moment
-    across = np.outer(-offset, moment)
-    return np.diag([y + z, z + x, x + y]) + (across + across.T) * (1 - np.eye(3))
 
 
 def _congruent(turn: Array, inertia: Expressions) -> Expressions:

@@ -1,26 +1,66 @@
-"""Export of inverse dynamics as C99 without dependencies, loops, branches on data or memory of its own."""
+"""Export of inverse dynamics as code: C99 without dependencies, and Python over NumPy, jax.numpy or torch.
+
+C has no loops, branches on data or memory of its own; the array namespaces of Python differentiate theirs.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
 from textwrap import fill
 
 from ....effects.naming import law_name
+from ....errors import one_line
 from ....model import Model, torque_model
 from ....version import __version__
 from ...report.layout import torque_units
-from ..bodies import Exported, c_comment, fixed_note
+from ..bodies import Exported, c_comment, fixed_note, in_docstring
 from ..formats import writable
-from .observer import OBSERVER_TERMS, ObserverCode, observer_code, observer_terms
-from .program import FIXED_JOINTS_NOTE, Function, Language, Program, program_of, statements
+from .graph import UNARY
+from .observer import OBSERVER_TERMS, observer_code, observer_terms
+from .program import FIXED_JOINTS_NOTE, Function, Program, program_of
 
-_C_OPERATIONS = {
+
+@dataclass(frozen=True)
+class Language:
+    """Formats of a programming language."""
+
+    words: Mapping[str, str]  # of each operation, in its operands
+    variable: Callable[[str], str]  # text of an input such as "q[0]"
+    line: str  # in the name and the expression
+    comment: Callable[[str], str]  # line with a text
+
+
+def statements(program: Program, function: Function, language: Language) -> tuple[list[str], list[str]]:
+    """Lines that compute a function, one per operation, with comments, and the names or numbers of its outputs."""
+    graph, names, section = program.graph, dict[int, str](), ""
+    lines: list[str] = []
+    for number in graph.used(function.outputs):
+        operation, *inner = graph.nodes[number]
+        if operation == "variable":
+            names[number] = language.variable(inner[0])
+        elif operation == "constant":
+            names[number] = f"({inner[0]!r})" if inner[0] < 0 else repr(inner[0])
+        else:
+            if graph.sections[number] != section:
+                section = graph.sections[number]
+                lines.append(language.comment(section))
+            names[number] = f"t{number}"
+            words = language.words[operation].format(*(names[k] for k in inner))
+            lines.append(language.line.format(names[number], words))
+    return lines, [names[output.number] for output in function.outputs]
+
+
+_ARITHMETIC = {
     "add": "{0} + {1}",
     "subtract": "{0} - {1}",
     "multiply": "{0} * {1}",
     "divide": "{0} / {1}",
     "negate": "-{0}",
+}
+_C_OPERATIONS = {
+    **_ARITHMETIC,
     "greater": "({0} > {1}) ? 1.0 : 0.0",
     "where": "({0} != 0.0) ? {1} : {2}",
     "sign": "(double)(({0} > 0.0) - ({0} < 0.0))",
@@ -54,15 +94,24 @@ def write_c(
     stem = name if stem is None else stem
     head = f"/* Dynamics of {c_comment(robot.name)}, written by signid {__version__}. "
     body = "".join(_definition(program, function, name, robot.joints) for function in program.functions)
-    observer = observer_code(model, name) if "observer" in further else ObserverCode("", "", "")
+    observed = tested = ""  # in the header and the test program
     if "observer" in further:
+        observed, steps, tested = observer_code(model, name)
         terms = observer_terms(model)
-        body += _definition(terms, terms.functions[0], name, robot.joints, "static ") + observer.source
+        body += _definition(terms, terms.functions[0], name, robot.joints, "static ") + steps
     source = f'{head}See {stem}.h. */\n#include "{stem}.h"\n\n#include <math.h>\n{body}'
-    declared = _header(model, program, name, digest, observer.header)
+    declared = _header(model, program, name, digest, observed)
     header = f"{head}C99, no dependencies but math.h (-lm). */\n{declared}"
-    test = head + "*/\n" + _test(program, name, stem, n, observer.test)
-    return Exported(source, tuple(fixed_note(robot, FIXED_JOINTS_NOTE)), {".h": header, "_test.c": test})
+    calls = "".join(
+        f'    {name}_{f.name}({", ".join(f.arguments)}, out);\n    show("{f.name}", out, {len(f.outputs)});\n'
+        for f in program.functions
+    )
+    used = {key for f in program.functions for key in f.arguments}
+    arguments = "".join(text for key, text in _ARGUMENTS.items() if key in used)
+    calls = arguments.replace("NAME", name).replace("COUNT", str(n)) + calls + tested
+    filled = {"STEM": stem, "SIZE": str(max(len(f.outputs) for f in program.functions)), "COUNT": str(n)}
+    test = re.sub("|".join(filled), lambda match: filled[match[0]], _C_TEST).replace("CALLS\n", calls)
+    return Exported(source, tuple(fixed_note(robot, FIXED_JOINTS_NOTE)), {".h": header, "_test.c": f"{head}*/\n{test}"})
 
 
 def identifier(name: str) -> str:
@@ -73,8 +122,8 @@ def identifier(name: str) -> str:
 
 def _signature(function: Function, name: str, n: int) -> str:
     sizes = {key: _ARGUMENT_SIZES.get(key, n) for key in function.arguments}
-    given = (f"double {key}" if size is None else f"const double {key}[{size}]" for key, size in sizes.items())
-    return f"void {name}_{function.name}({', '.join(given)}, double {function.result}[{len(function.outputs)}])"
+    parameters = (f"double {key}" if size is None else f"const double {key}[{size}]" for key, size in sizes.items())
+    return f"void {name}_{function.name}({', '.join(parameters)}, double {function.result}[{len(function.outputs)}])"
 
 
 def _definition(program: Program, function: Function, name: str, joints: Sequence[str], linkage: str = "") -> str:
@@ -82,30 +131,33 @@ def _definition(program: Program, function: Function, name: str, joints: Sequenc
     nodes = [program.graph.nodes[number] for number in program.graph.used(function.outputs)]
     read = {node[1].partition("[")[0] for node in nodes if node[0] == "variable"}
     unused = [f"    (void){key};" for key in function.arguments if key not in read]
+    rows = {"mass": joints, "jacobian": TWIST_ROWS, "terms": OBSERVER_TERMS}.get(function.result)  # of a matrix
+    labels = list(joints) if rows is None else [f"{row}, {joint}" for row in rows for joint in joints]
     results = [
         f"    {function.result}[{k}] = {x}; /* {c_comment(label)} */"
-        for k, (x, label) in enumerate(zip(outputs, _labels(function, joints), strict=True))
+        for k, (x, label) in enumerate(zip(outputs, labels, strict=True))
     ]
     signature = _signature(function, name, len(joints))
     return f"\n{linkage}{signature}\n{{\n" + "\n".join([*unused, *lines, *results]) + "\n}\n"
-
-
-def _labels(function: Function, joints: Sequence[str]) -> list[str]:
-    """Names of the outputs: joints, or rows and columns of a matrix."""
-    rows = {"mass": joints, "jacobian": TWIST_ROWS, "terms": OBSERVER_TERMS}.get(function.result)
-    return list(joints) if rows is None else [f"{row}, {joint}" for row in rows for joint in joints]
 
 
 def _header(model: Model, program: Program, name: str, digest: str, observer: str) -> str:
     robot = model.robot
     joints = zip(robot.joints, robot.prismatic, torque_units(robot), strict=True)
     guard, n = f"{name.upper()}_DYNAMICS_H", len(robot.joints)
+    formulas = list[str]()
+    for law in filter(writable, torque_model(model).laws):
+        numbers = ", ".join(f"{key} = {x:.6g}" for key, x in law.effect.filled(law.parameters).items())
+        formulas.append(f"  {c_comment(f'{law_name(law, robot)}: {law.effect.equation}; {numbers}')}")
     comment = [
         "Arrays are in this order of joints (index, name, unit of position, unit of torque):",
         *(f"  {k}  {c_comment(x)}  {'m' if slides else 'rad'}  {unit}" for k, (x, slides, unit) in enumerate(joints)),
         "q: positions, v: velocities [per s], a: accelerations [per s2]; a = 0 compensates gravity and friction.",
         "At rest (v = 0) dry friction is 0. Outputs may not overlap inputs.",
-        *_formulas(model),
+        "tau = M(q) a + h(q, v) + laws(q, v, 0), with M the mass matrix, rotors (armature) included, and h Coriolis,",
+        "centrifugal and gravity torque of the bodies; laws that depend on load, the torque of the bodies, act at a.",
+        "Laws:",
+        *(formulas or ["  none"]),
         f"Gravity in the frame of the base [m/s2]: {' '.join(f'{x:.10g}' for x in model.robot.model.gravity.linear)}",
         *([f"SHA-256 of the model.json of this model: {digest}"] if digest else []),
     ]
@@ -132,19 +184,6 @@ def _header(model: Model, program: Program, name: str, digest: str, observer: st
             "",
         ]
     )
-
-
-def _formulas(model: Model) -> Iterator[str]:
-    """Equation of motion, and the equations of the laws with their numbers."""
-    yield "tau = M(q) a + h(q, v) + laws(q, v, 0), with M the mass matrix, rotors (armature) included, and h Coriolis,"
-    yield "centrifugal and gravity torque of the bodies; laws that depend on load, the torque of the bodies, act at a."
-    yield "Laws:"
-    laws = [law for law in torque_model(model).laws if writable(law)]
-    for law in laws:
-        numbers = ", ".join(f"{key} = {x:.6g}" for key, x in law.effect.filled(law.parameters).items())
-        yield f"  {c_comment(f'{law_name(law, model.robot)}: {law.effect.equation}; {numbers}')}"
-    if not laws:
-        yield "  none"
 
 
 _ARGUMENTS = {  # arguments beside q, v and a
@@ -208,16 +247,49 @@ int main(void)
 """
 
 
-def _test(program: Program, name: str, stem: str, n: int, last: str) -> str:
-    """A program that reads q, v, a from standard input and prints the outputs of every function; last: more lines."""
-    calls = "".join(
-        f'    {name}_{f.name}({", ".join(f.arguments)}, out);\n    show("{f.name}", out, {len(f.outputs)});\n'
-        for f in program.functions
+_ARRAYS = {
+    **_ARITHMETIC,
+    "greater": "1.0 * ({0} > {1})",
+    "where": "xp.where({0} != 0, {1}, {2})",
+    "power": "{0} ** {1}",
+    "minimum": "xp.clip({0}, None, {1})",
+    "maximum": "xp.clip({0}, {1}, None)",
+    **{name: f"xp.{name}({{0}})" for name in UNARY},
+    "arctan2": "xp.arctan2({0}, {1})",
+}
+_PYTHON = Language(_ARRAYS, lambda x: x.replace("[", "[..., "), "    {} = {}", lambda text: f"    # {one_line(text)}")
+_ARRAY_HEAD = '''"""Dynamics of {name}, written by signid {version}, over an array namespace.
+
+Every function takes arrays (..., {n}) in the order of JOINTS [rad or m, per s, per s2]; torques are in UNITS.
+xp: numpy (default), jax.numpy or torch; derivatives hold wherever dry friction is smooth.
+"""
+
+import numpy
+
+JOINTS = {joints!r}
+UNITS = {units!r}
+'''
+
+
+def write_arrays(model: Model) -> Exported:
+    """Write inverse dynamics, gravity, laws and the mass matrix as Python functions over an array namespace."""
+    program, robot, n = program_of(model), model.robot, len(model.robot.joints)
+    text = _ARRAY_HEAD.format(
+        name=in_docstring(robot.name),
+        version=__version__,
+        n=n,
+        joints=tuple(robot.joints),
+        units=tuple(torque_units(robot)),
     )
-    used = {key for f in program.functions for key in f.arguments}
-    further = (
-        "".join(text for key, text in _ARGUMENTS.items() if key in used).replace("NAME", name).replace("COUNT", str(n))
-    )
-    size = max(len(f.outputs) for f in program.functions)
-    filled = {"STEM": stem, "SIZE": str(size), "COUNT": str(n)}
-    return re.sub("|".join(filled), lambda found: filled[found[0]], _C_TEST).replace("CALLS\n", further + calls + last)
+    for function in program.functions:
+        lines, outputs = statements(program, function, _PYTHON)
+        first = function.arguments[0]
+        rows = ", ".join(f"{x} + zero" for x in outputs)
+        shape = f".reshape((*{first}.shape[:-1], {n}, {n}))" if len(outputs) != n else ""
+        text += (
+            f"\n\ndef {function.name}({', '.join(function.arguments)}, xp=numpy):\n"
+            f'    """{function.meaning[:1].upper()}{function.meaning[1:]}."""\n'
+            f"    zero = 0.0 * {first}[..., 0]\n"
+        )
+        text += "\n".join([*lines, f"    return xp.stack([{rows}], -1){shape}"]) + "\n"
+    return Exported(text, tuple(fixed_note(robot, FIXED_JOINTS_NOTE)))

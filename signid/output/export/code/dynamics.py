@@ -1,20 +1,36 @@
-"""Rigid bodies of a model as expressions: recursive Newton-Euler over the regrouped inertial parameters."""
+"""Dynamics of a model as expressions: its rigid bodies by recursive Newton-Euler, and the equations of its laws."""
 
 from __future__ import annotations
 
+import ast
+import operator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
+from ....effects.naming import law_name
 from ....errors import RobotError
-from ....model import Model
-from ....types import Array
-from .graph import Graph, Scalar, unary
+from ....model import Model, torque_model
+from ....types import Array, Law
+from ..formats import equation_numbers, writable
+from .graph import BINARY, UNARY, Graph, Scalar, binary, unary, where
 
 MAX_ROUNDING = 2e-11  # [1] deviation of rotations from 0, 1 and -1 that is rounding: pi / 2 is written 1.57079632679
 Expressions = Any  # array of objects: Scalar or float
+OPERATIONS: dict[type[ast.AST], Any] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.Pow: operator.pow,
+    ast.Gt: operator.gt,
+    ast.Lt: operator.lt,
+}
+SIGN_FUNCTION = "sign of velocity"  # function in the place of sign(v)
 
 
 @dataclass(frozen=True)
@@ -104,17 +120,13 @@ def _regrouped(body: Body) -> tuple[Body, tuple[float, Array, Array]]:
     side = side / np.linalg.norm(side)
     beta = float(side @ body.inertia @ side)
     mass, along = body.mass, float(u @ body.moment)
-    left = replace(body, mass=0.0, moment=body.moment - along * u, inertia=_exact_sum(body.inertia, -beta * across))
+    shown, rounding = body.inertia - beta * across, 4e-16 * (np.abs(body.inertia) + np.abs(beta * across))
+    shown = np.where(np.abs(shown) <= rounding, 0.0, shown)
+    left = replace(body, mass=0.0, moment=body.moment - along * u, inertia=shown)
     first = r @ (along * u)
     cross_p, cross_h = pin.skew(p), pin.skew(first)
     inertia = beta * r @ across @ r.T - cross_p @ cross_h - cross_h @ cross_p - mass * cross_p @ cross_p
     return left, (mass, first + mass * p, inertia)
-
-
-def _exact_sum(a: Array, b: Array) -> Array:
-    """A + b, 0 where only rounding errors remain."""
-    total = a + b
-    return np.where(np.abs(total) <= 4e-16 * (np.abs(a) + np.abs(b)), 0.0, total)
 
 
 class State(NamedTuple):
@@ -215,3 +227,132 @@ def wrench(mass: Any, moment: Any, inertia: Any, state: State) -> tuple[Expressi
 def cross(a: Expressions, b: Expressions) -> Expressions:
     """Cross product (3,) of expressions or numbers."""
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+def law_expressions(
+    graph: Graph, model: Model, motion: Mapping[str, Expressions], tracking: tuple[Expressions, Scalar] | None = None
+) -> Expressions:
+    """Torque (n,) of the laws that can be written.
+
+    motion: "q", "v", "a" and "load" (n,) [rad or m, and their derivatives; N.m or N]. tracking: desired velocity (n,)
+    [rad/s or m/s] and inverse width of smoothing, or None. With them, a law f(v, sign(v)) is f(v, 0) + f(v_desired, s)
+    - f(v_desired, 0), s = tanh(v_desired / width): the part that jumps with the sign of v depends on v_desired alone.
+    """
+
+    def no_sign(_: Scalar) -> Scalar:
+        return graph.constant(0.0)
+
+    total = np.array([graph.constant(0.0)] * len(model.robot.joints))
+    for law, here, signals in _acting(graph, model, motion):
+        if tracking is None:
+            torque = _evaluate(graph, law, signals)
+        else:
+            desired = {**signals, "v": tracking[0][here]}
+            smooth = _evaluate(graph, law, desired, lambda x: unary("tanh", x * tracking[1]))
+            jump = smooth - _evaluate(graph, law, desired, no_sign)
+            torque = _evaluate(graph, law, signals, no_sign) + jump
+        total[here] = total[here] + torque
+    return total
+
+
+def directed_laws(
+    graph: Graph, model: Model, motion: Mapping[str, Expressions], slow: Expressions
+) -> tuple[Expressions, Expressions]:
+    """Torque (n,) of the laws, the sign of v proportional to it below `slow`, and size (n,) of friction that reverses.
+
+    motion: "q", "v", "a" and "load" (n,), as in `law_expressions`; slow: (n,) [rad/s or m/s].
+    """
+
+    def direction(width: Scalar, x: Scalar) -> Scalar:  # the sign, proportional to the velocity below a width
+        return _clip(x / width, graph.constant(-1.0), graph.constant(1.0))
+
+    def side(x: Scalar) -> Scalar:  # a sign that is never 0
+        return where(graph.constant(0.0) > x, graph.constant(-1.0), graph.constant(1.0))
+
+    total, reversing = np.full((2, len(slow)), graph.constant(0.0))
+    for law, here, signals in _acting(graph, model, motion):
+        joints = list(law.joints)
+        torque = _evaluate(graph, law, signals, partial(direction, sum(slow[joints])))
+        total[here] = total[here] + torque
+        if law.effect.reverses:
+            fast = np.array([side(motion["v"][j]) * binary("maximum", abs(motion["v"][j]), slow[j]) for j in joints])
+            torque = _evaluate(graph, law, {**signals, "v": fast[0] if len(joints) == 1 else fast}, side)
+            reversing[here] = reversing[here] + abs(torque)
+    return total, reversing
+
+
+def _acting(
+    graph: Graph, model: Model, motion: Mapping[str, Expressions]
+) -> Iterator[tuple[Law, int | list[int], dict[str, Expressions]]]:
+    """Laws that can be written, their joints (one alone: its number), and the motion there."""
+    for law in filter(writable, torque_model(model).laws):
+        graph.section = law_name(law, model.robot)
+        here = law.joints[0] if len(law.joints) == 1 else list(law.joints)
+        yield law, here, {key: x[here] for key, x in motion.items()}
+
+
+def _evaluate(
+    graph: Graph, law: Law, signals: Mapping[str, Any], sign: Callable[[Scalar], Scalar] | None = None
+) -> Any:
+    """Torque of a law; sign: in the place of the sign of a velocity and of a tanh that stands for one."""
+    numbers, variable = equation_numbers(law)
+    if variable:
+        numbers["variable"] = signals[variable]
+    functions: dict[str, Any] = {name: _lifted(graph, partial(unary, name), 1) for name in UNARY}
+    functions |= {name: _lifted(graph, partial(binary, name), 2) for name in BINARY}
+    functions |= {"where": _lifted(graph, where, 3), "clip": _lifted(graph, _clip, 3), "pi": np.pi}
+    functions |= {"interp": partial(_interpolate, graph), "sum": sum}
+    if sign is not None:
+        functions[SIGN_FUNCTION] = np.frompyfunc(sign, 1, 1)
+    return _value(ast.parse(law.effect.equation, mode="eval").body, {**functions, **signals, **numbers})
+
+
+def _value(node: ast.expr, names: Mapping[str, Any]) -> Any:
+    """Value of an equation: numbers, names, calls, arithmetic, comparisons by > and <, and reversal by [::-1]."""
+    match node:
+        case ast.Constant():
+            return node.value
+        case ast.Name():
+            return names[node.id]
+        case ast.UnaryOp(op=ast.USub()):
+            return -_value(node.operand, names)
+        case ast.BinOp():
+            return OPERATIONS[type(node.op)](_value(node.left, names), _value(node.right, names))
+        case ast.Compare(ops=[ast.Gt() | ast.Lt()]):
+            return OPERATIONS[type(node.ops[0])](_value(node.left, names), _value(node.comparators[0], names))
+        case ast.Call() if SIGN_FUNCTION in names and (velocity := _signed_velocity(node)):
+            return names[SIGN_FUNCTION](_value(velocity, names))
+        case ast.Call():
+            return _value(node.func, names)(*(_value(x, names) for x in node.args))
+        case ast.Subscript():
+            return _value(node.value, names)[::-1]
+    raise ValueError(f"an equation with {ast.dump(node)} cannot be written as code")
+
+
+def _signed_velocity(call: ast.Call) -> ast.expr | None:
+    """Velocity (or sum of two) x in sign(x), or in tanh(x / scale), which stands for it; None for other calls."""
+    match call:
+        case (
+            ast.Call(func=ast.Name(id="sign"), args=[x])
+            | ast.Call(func=ast.Name(id="tanh"), args=[ast.BinOp(left=x, op=ast.Div())])
+        ):
+            names = {part.id for part in ast.walk(x) if isinstance(part, ast.Name)}
+            return x if "v" in names and names <= {"v", "sum"} else None
+    return None
+
+
+def _lifted(graph: Graph, function: Callable[..., Scalar], operands: int) -> Any:
+    """A function of nodes as one of arrays of nodes and numbers."""
+    return np.frompyfunc(lambda *arguments: function(*map(graph.scalar, arguments)), operands, 1)
+
+
+def _interpolate(graph: Graph, x: Scalar, knots: list[float], values: list[float]) -> Scalar:
+    """Piecewise linear function, constant beyond its ends, as a sum of clipped ramps."""
+    total = graph.constant(values[0])
+    for low, high, here, there in zip(knots[:-1], knots[1:], values[:-1], values[1:], strict=True):
+        total = total + (there - here) * _clip((x - low) / (high - low), graph.constant(0.0), graph.constant(1.0))
+    return total
+
+
+def _clip(x: Scalar, low: Scalar, high: Scalar) -> Scalar:
+    return binary("minimum", binary("maximum", x, low), high)
