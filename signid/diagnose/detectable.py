@@ -18,13 +18,13 @@ from scipy.special import logsumexp, ndtri
 from ..effects.base import RecordingLaw
 from ..effects.naming import law_place
 from ..types import Array, Law, Robot
-from .data.column_groups import Group
 from .data.hypotheses import Key
-from .data.thresholds import FIRST_LOG_ODDS, MIN_LAW_TORQUE_SHARE, NEXT_LOG_ODDS, PRIOR_NOTHING, RECORDING_LIMITS
+from .data.rows import Group
 from .evidence.bayes_factors import StackedPriors, log_bayes_factor
 from .evidence.selection import Selection
 from .result import Detectable
 from .search.stepwise import inflated_dispersion, is_applicable, present_laws, required_log_odds
+from .thresholds import FIRST_LOG_ODDS, MIN_LAW_TORQUE_SHARE, NEXT_LOG_ODDS, PRIOR_NOTHING, RECORDING_LIMITS
 
 NAMING_PROBABILITY = 0.9  # probability with which a law of the smallest size is named [1]
 SHORTFALL_DEVIATIONS = float(ndtri(NAMING_PROBABILITY))  # standard deviations by which it then appears smaller [1]

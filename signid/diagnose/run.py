@@ -24,31 +24,34 @@ from ..simulation.rollout import RollOut, roll_out
 from ..simulation.rollout.run import restrict_joints
 from ..typed import typed
 from ..types import Array, Law, Progress, Recording
-from .data.column_groups import build_groups, dry_friction
-from .data.dataset import Dataset
+from .data.dataset import Dataset, Whitened, whitened
 from .data.estimated_gains import with_estimated_gains
 from .data.hypotheses import GRAVITY_EFFECT, VARIABLE_NAMES, is_transient, pooled, propose
 from .data.locate import locate
 from .data.motions import pieces, row_filter, subsample
 from .data.noise import find_period, measure_noise, noise_of_misfit
-from .data.rows import build_table
-from .data.thresholds import FIRST_LOG_ODDS
-from .data.whitened_rows import Whitened, whitened
+from .data.rows import build_groups, build_table, dry_friction
 from .detectable import detectable
 from .evidence.bayes_factors import Evidence
 from .evidence.prior import stated_prior
 from .evidence.selection import Posterior, Selection, StatedBodies
-from .extend.holdout import Comparison, Prediction, compare, predict
+from .extend import Comparison, Prediction, compare, predict
 from .findings.alternatives import limit_in_step, replace_weak
-from .findings.findings import Conclusions, conclude
-from .findings.held_out_prediction import add_empirical_torque, holdout_warnings, keep_given_if_worse, rollout_warnings
-from .findings.ordinary import impossible, pinned, with_ordinary, without
-from .findings.stated import MAX_LOG_ODDS, torque_share
+from .findings.findings import (
+    Conclusions,
+    add_empirical_torque,
+    conclude,
+    holdout_warnings,
+    keep_given_if_worse,
+    rollout_warnings,
+)
+from .findings.stated import MAX_LOG_ODDS, impossible, pinned, torque_share, with_ordinary, without
 from .findings.verdict import decide_verdict
 from .result import Diagnosis, Finding
-from .search.contact_window import CONTACT_EFFECT as CONTACT
 from .search.iterate import SearchResult, select
+from .search.shapes import CONTACT_EFFECT as CONTACT
 from .search.stepwise import LAW_SEARCH, prune
+from .thresholds import FIRST_LOG_ODDS
 
 HORIZON = 0.5  # length of the roll-outs [s]
 NOTHING_MISSING, UNDECIDED = "nothing_missing", "undecided"  # verdicts

@@ -20,7 +20,7 @@ from ...regression.motion import Motion, build_motion, margin
 from ...regression.rows import Task
 from ...regression.session import Part, Session
 from ...types import Array, Law, Robot
-from .thresholds import REST_SPEED, REST_TIME, REVERSAL_TIME_STD
+from ..thresholds import REST_SPEED, REST_TIME, REVERSAL_TIME_STD
 
 PIECE_SAMPLES = 2**14  # samples of a piece at the rate of the rows, at most: limits memory
 

@@ -11,12 +11,19 @@ from scipy.special import logsumexp
 
 from ...regression.covariance import Misfit
 from ...types import Array, Frozen, Indices
-from ..data.column_groups import Group
-from ..data.dataset import Dataset
-from ..data.noise import Noise, measure_noise, noise_of_misfit, noise_of_rest
-from ..data.thresholds import MIN_FLOOR_SHARE, MISFIT_GROWTH, RELEVANT_FLOOR_SHARE
-from ..data.whitened_rows import columns_of, solve
-from ..data.whitening import NoiseEstimate, Whitening, estimate_discrepancy, features
+from ..data.dataset import Dataset, columns_of, solve
+from ..data.noise import (
+    Noise,
+    NoiseEstimate,
+    Whitening,
+    estimate_discrepancy,
+    features,
+    measure_noise,
+    noise_of_misfit,
+    noise_of_rest,
+)
+from ..data.rows import Group
+from ..thresholds import MIN_FLOOR_SHARE, MISFIT_GROWTH, RELEVANT_FLOOR_SHARE
 from .selection import Selection
 
 NEGLIGIBLE_LOG_DENSITY = 12.0  # [-] scales k whose log density is this much below the highest are skipped: factor e^-12

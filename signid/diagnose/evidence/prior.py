@@ -13,9 +13,9 @@ from ...effects.base import BodyLaw, TransmissionLaw
 from ...model import Model
 from ...regression.motion import labels
 from ...types import INERTIAL, Array, Frozen, Indices, Law
-from ..data import thresholds as tuned
-from ..data.column_groups import Group
+from .. import thresholds as tuned
 from ..data.hypotheses import Hypothesis
+from ..data.rows import Group
 
 SCALED_RIDGE = 1e-9  # [1] added to the diagonal of the scaled covariance, so that it can be inverted
 PRIOR_RANK_TOLERANCE = 1e-10  # [1] smallest eigenvalue over the largest; 1e-6 cuts off the cubic of a cable

@@ -13,15 +13,14 @@ from ...deadline import time_is_up
 from ...estimation.excitation import in_step
 from ...regression.projection import SINGULAR_VALUE_TOLERANCE, leave
 from ...types import Array, Frozen
-from ..data.column_groups import Group
+from .. import thresholds as tuned
 from ..data.dataset import Dataset
 from ..data.hypotheses import Key
+from ..data.rows import Group
 from ..evidence.likelihood import Likelihood
 from ..evidence.selection import Odds, Posterior, Selection
 from ..search.contributions import Contributions, measure_contributions, steadiness
 from ..search.stepwise import LAW_SEARCH, is_admissible, is_applicable, present_laws, resolved_violations
-from . import thresholds as tuned
-from .thresholds import COMPARED_LOG_ODDS, SAME_TORQUE_CHI2
 
 _OddsBeside = tuple[Array, Mapping[Key, Odds]]  # (n,) variance of the whitened residual, odds beside all selected laws
 DECISIVE_LOG_ODDS = 500.0  # log odds beyond which a probability is 0 or 1 in double precision [-]
@@ -235,14 +234,14 @@ def residual_energies(
     joints = set(data.rows(group))
     torque = {j: data.part(j, group) @ contributions.coefficients[group] for j in range(data.joints)}
     energy = {j: float(x @ x) for j, x in torque.items()}
-    least = odds[own].log - COMPARED_LOG_ODDS if own in odds else -np.inf
+    least = odds[own].log - tuned.COMPARED_LOG_ODDS if own in odds else -np.inf
     out = {own: max(sum(energy.values()), 1e-300)}
     for key, rival in odds.items():
         twin, acted_on = _is_twin(posterior, group, rival.best), data.rows(rival.best)
         if rival.best.claim.unknown or (rival.log < least and not twin) or joints.isdisjoint(acted_on):
             continue
         elsewhere = sum(x for j, x in energy.items() if j not in acted_on)
-        if key != own and (twin or elsewhere < SAME_TORQUE_CHI2):
+        if key != own and (twin or elsewhere < tuned.SAME_TORQUE_CHI2):
             out[key] = elsewhere + _residual_energy(posterior, rival.best, torque)
     return out
 

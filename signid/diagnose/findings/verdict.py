@@ -12,15 +12,14 @@ from ...faults.evidence import judge_amount
 from ...regression.projection import leave
 from ...regression.session import Session
 from ...types import Array, Frozen, Mask
-from ..data.column_groups import Group
+from .. import thresholds as tuned
 from ..data.dataset import Dataset
-from ..data.noise import has_full_window
-from ..data.whitening import weights
+from ..data.noise import has_full_window, weights
+from ..data.rows import Group
 from ..evidence.selection import Posterior, Selection
-from ..extend.holdout import ResidualRows
+from ..extend import ResidualRows
 from ..result import MUCH_SHARE
 from ..search.contributions import Contributions, measure_contributions
-from . import thresholds as tuned
 from .alternatives import Contender
 
 

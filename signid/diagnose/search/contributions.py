@@ -10,11 +10,11 @@ import numpy as np
 from scipy.special import stdtr
 
 from ...types import Array, Frozen, Indices
-from ..data.column_groups import Group
-from ..data.thresholds import GAIN_BLOCKS, MIN_GAIN_BLOCKS, MIN_TEST_PROBABILITY, PRIOR_NOTHING
-from ..data.whitened_rows import Factor, Fitted, Whitened
+from ..data.dataset import Factor, Fitted, Whitened
+from ..data.rows import Group
 from ..evidence.bayes_factors import Evidence
 from ..evidence.selection import Posterior
+from ..thresholds import GAIN_BLOCKS, MIN_GAIN_BLOCKS, MIN_TEST_PROBABILITY, PRIOR_NOTHING
 
 
 @dataclass(frozen=True, eq=False)

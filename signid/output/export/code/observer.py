@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ....model import Model
-from ....watch import blocks, intake, observer, quiet, watcher
+from ....watch import intake, observer, quiet, watcher
 from ..bodies import summed
 from .graph import Graph
 from .laws import directed_laws
@@ -66,7 +66,7 @@ def observer_code(model: Model, name: str) -> ObserverCode:
 _OBSERVER_CONSTANTS = {
     "GAIN": observer.OBSERVER_GAIN,
     "RINGING": observer.RINGING_TIME,
-    "HALF": blocks.VELOCITY_HALF_WINDOW,
+    "HALF": intake.VELOCITY_HALF_WINDOW,
     "MORE": observer.CREEP_FRICTION_GROWTH,
     "BELOW": observer.CREEP_SPEED_RATIO,
     "SIGMAS": quiet.THRESHOLD_RATIO,
