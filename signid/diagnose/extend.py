@@ -54,7 +54,13 @@ def extend(
         step, spread = fit.value[bodies].reshape(inertials.shape), fit.covariance[np.ix_(bodies, bodies)]
         inertials = move_bodies(base or build_base(model.robot), inertials, step, spread)
     whole = replace(model, inertials=inertials, laws=extended_laws(own, laws), covariance=None)
-    return _with_consistent_bodies(model, whole, _changed_spread(model, fit, added), base)
+    changes = [law for law in whole.laws if law.effect.name in BODY_CHANGE_EFFECTS]
+    if not changes or is_possible(model.whole_inertials(), whole.whole_inertials()):
+        return whole
+    # body laws that make consistent bodies inconsistent: the nearest consistent bodies replace them
+    step, kept = whole.whole_inertials() - inertials, tuple(law for law in whole.laws if law not in changes)
+    consistent = move_bodies(base or build_base(model.robot), inertials, step, _changed_spread(model, fit, added))
+    return replace(whole, inertials=consistent, laws=kept)
 
 
 def extended_laws(known: Sequence[Law], laws: Sequence[Law]) -> tuple[Law, ...]:
@@ -62,7 +68,8 @@ def extended_laws(known: Sequence[Law], laws: Sequence[Law]) -> tuple[Law, ...]:
     own = [*known]
     for law in laws:
         law, own = _merged(law, own)
-        same = [k for k, other in enumerate(own) if _adds(law, other)]
+        adds = is_plain(law.effect) or isinstance(law.effect, TorqueLaw)
+        same = [k for k, other in enumerate(own) if adds and is_same(law, other)]
         if same:
             own[same[0]] = _sum(law, own[same[0]])
         else:
@@ -76,17 +83,6 @@ def _positive(law: Law) -> tuple[Law, ...]:
     low = {key: 0.0 for key, x in law.parameters.items() if key in kinds and kinds[key].positive and x < 0}
     mended = replace(law, parameters={**law.parameters, **low})
     return (mended,) if not low or any(mended.parameters[key] for key in kinds) else ()
-
-
-def _with_consistent_bodies(given: Model, model: Model, spread: Array, base: BaseMap | None) -> Model:
-    """Replace body laws that make consistent bodies inconsistent by the nearest consistent bodies."""
-    changes = [law for law in model.laws if law.effect.name in BODY_CHANGE_EFFECTS]
-    total = model.whole_inertials() if changes else model.inertials
-    if not changes or is_possible(given.whole_inertials(), total):
-        return model
-    step, kept = total - model.inertials, tuple(law for law in model.laws if law not in changes)
-    bodies = move_bodies(base or build_base(model.robot), model.inertials, step, spread)
-    return replace(model, inertials=bodies, laws=kept)
 
 
 def _changed_spread(model: Model, fit: Fitted, added: Mapping[Group, Sequence[Law]]) -> Array:
@@ -138,11 +134,6 @@ def _sum(law: Law, other: Law) -> Law:
         return replace(law, parameters={**law.parameters, **{key: one[key] + two[key] for key in effect.linear()}})
     total = [x + y for x, y in zip(*(effect.coefficients(x.parameters) for x in (law, other)), strict=True)]
     return replace(law, parameters=effect.physical(total, effect.shape(law.parameters)))
-
-
-def _adds(law: Law, other: Law) -> bool:
-    """Whether two laws add up to one law."""
-    return is_same(law, other) and (is_plain(law.effect) or isinstance(law.effect, TorqueLaw))
 
 
 def is_plain(effect: Effect) -> bool:

@@ -99,7 +99,10 @@ def diagnose(
         OptionError: an excluded effect does not exist, or an option is unknown.
         RecordingError: a recording cannot be used; the message says which and why.
     """
-    model, recordings, held_out, reference = _given(model, recordings, held_out, reference)
+    model = torque_model(as_model(model, "diagnose"))
+    recordings, held_out, reference = (
+        as_recordings(given, model.robot, "diagnose") for given in (recordings, held_out, reference)
+    )
     model, described = audited(model)
     _check(recordings, reference, skip)
     show, options = progress or _no_progress, replace(options or Options(), effects=())
@@ -116,7 +119,7 @@ def diagnose(
         lacked = any(finding.role == "cause" for finding in itself.result.findings)
         answer = itself if lacked else answer
     result, comparison, session, faults = answer.result, answer.comparison, mounting.session, mounting.faults
-    question = _question(lacked, result.verdict) if known else _Question()
+    answered = (_question_note(lacked, result.verdict),) if known else ()
     rolled = _roll_out(session, given, result.prediction.model, show)
     return Diagnosis(
         robot=session.robot,
@@ -135,19 +138,21 @@ def diagnose(
         flags=(
             *described.before(),
             *unscaled,
-            *_flags(recovered, faults),
+            *dict.fromkeys(flag for recording in recovered.session.recordings for flag in recording.flags),
+            *recovered.flags,
+            *faults.flags,
             *answer.flags,
             *result.flags,
             *holdout_warnings(*comparison[:2]),
             *rollout_warnings(*rolled[:2]),
         ),
-        notes=(*described.notes, *recovered.notes, *notes, *session.notes, *faults.notes, *question.notes, *rolled[2]),
+        notes=(*described.notes, *recovered.notes, *notes, *session.notes, *faults.notes, *answered, *rolled[2]),
         cutoff=session.task.band.cutoff,
         seed=options.seed,
         recordings=recovered.session.recordings,
         informed=answer.selection.evidence.informed,
         detectable=detectable(answer.selection, session.robot) if seconds_left() > 0 else (),
-        question=question.name,
+        question=("lacked" if lacked else "changed") if known else "",
     )
 
 
@@ -187,29 +192,15 @@ def _answer(
     return _Answer(result, comparison, selection, disagreement)
 
 
-class _Question(NamedTuple):
-    """Question that the diagnosis of an identified model answers; empty for a description."""
-
-    name: str = ""  # "changed" or "lacked"
-    notes: tuple[str, ...] = ()
-
-
-def _question(lacked: bool, verdict: str) -> _Question:
-    """Question that was answered at last: what has changed, or, where that is nothing, what the model lacked before."""
+def _question_note(lacked: bool, verdict: str) -> str:
+    """Answer on an identified model: what has changed, or, where that is nothing, what it lacked before."""
     nothing = "nothing has changed since the model was identified"
     if lacked:
-        return _Question("lacked", (f"{nothing}; what is found it lacked from the start",))
-    left = "what its laws left of the torque then"
+        return f"{nothing}; what is found it lacked from the start"
+    beyond = "beyond what its laws left of the torque then"
     if verdict == NOTHING_MISSING:
-        return _Question("changed", (f"{nothing}, beyond {left}",))
-    return _Question("changed", (f"what is found has changed since the model was identified: it is beyond {left}",))
-
-
-def _given(model: ModelSource, *some: Recordings) -> tuple[Model, list[Recording], list[Recording], list[Recording]]:
-    """Model and recordings as they are given to the verb, read where they are paths."""
-    loaded = torque_model(as_model(model, "diagnose"))
-    recordings, held_out, reference = (as_recordings(each, loaded.robot, "diagnose") for each in some)
-    return loaded, recordings, held_out, reference
+        return f"{nothing}, {beyond}"
+    return f"what is found has changed since the model was identified: it is {beyond}"
 
 
 def _recover(
@@ -247,12 +238,6 @@ def _search(
         result = select(dataset, posterior, skip, healthy)
     progress("evaluating", 0.7)
     return result
-
-
-def _flags(given: Recovered, faults: RecordingFaults) -> tuple[str, ...]:
-    """Warnings on the recordings: uncertain columns, uncertain signs, recording faults."""
-    columns = dict.fromkeys(flag for one in given.session.recordings for flag in one.flags)
-    return (*columns, *given.flags, *faults.flags)
 
 
 def _no_progress(what: str, share: float) -> None:
@@ -322,7 +307,11 @@ def prepare_session(
         faults = replace(faults, findings=tuple(f for f in faults.findings if f.kind == SHORT_FAULT or _is_clear(f)))
     elif faults.refusal:
         raise RecordingError(faults.refusal)
-    return _with_held_out(model, session), faults
+    thin = row_filter(session.task)
+    if sum(len(thin.at(p.motion.t)) for p in pieces(session.task, model, session.held_out)) < MIN_JOINT_ROWS:
+        note = "too short to hold rows out: held-out figures are those of the training rows, so optimistic"
+        session = replace(session, held_out=session.train, notes=(*session.notes, f"{note}; record for longer"))
+    return session, faults
 
 
 class Mounting(NamedTuple):
@@ -352,17 +341,6 @@ def _is_clear(fault: RecordingFault) -> bool:
     """Whether few rows suffice for a recording fault: a sign or an order of torques that all parts agree on."""
     measured = fault.measures
     return fault.kind in CLEAR_KINDS and measured["agreement"] == 1 and measured["explained_after"] > CLEAR_FAULT_SHARE
-
-
-def _with_held_out(model: Model, session: Session) -> Session:
-    """Session with held-out rows; where recordings are too short, the training rows take their place, with a note."""
-    thin = row_filter(session.task)
-    if sum(len(thin.at(p.motion.t)) for p in pieces(session.task, model, session.held_out)) >= MIN_JOINT_ROWS:
-        return session
-    note = (
-        "too short to hold rows out: held-out figures are those of the training rows, so optimistic; record for longer"
-    )
-    return replace(session, held_out=session.train, notes=(*session.notes, note))
 
 
 def build_in_time(

@@ -5,7 +5,7 @@ Gaps, jumps, repeated stamps and missing numbers are noted. Blocks lie between e
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, NamedTuple
 
@@ -136,7 +136,10 @@ class Intake:
                 notes += self._note("slow", float(rows.t[-1]), f"{slow}; give 50 Hz or more")
         cuts, more = self._cuts(rows, before, step)
         self.last, self.held = rows.at(slice(-1, None)), False
-        return list(_pieces(rows, cuts, first)), [*notes, *more]
+        edges = sorted({0, *cuts.tolist(), len(rows.t)})
+        fresh = [first or 0 in cuts, *[True] * len(edges)]
+        ends = zip(edges, edges[1:], fresh, strict=False)
+        return [StreamPiece(rows.at(slice(a, b)), new) for a, b, new in ends], [*notes, *more]
 
     def _new(self, rows: StreamRows, first: bool) -> StreamRows:
         """Rows without those that only hold the last one, as some logs do where packets are lost."""
@@ -183,12 +186,6 @@ class Intake:
 def mean_step(steps: Array) -> float:
     """Sampling period [s]: the mean step but for gaps, also where rows arrive in bursts; steps: (k,) [s]."""
     return float(np.mean(steps[steps <= RESET_GAP_STEPS * np.percentile(steps, USUAL_STEP_PERCENTILE)]))
-
-
-def _pieces(rows: StreamRows, cuts: Indices, first: bool) -> Iterator[StreamPiece]:
-    edges = sorted({0, *(int(k) for k in cuts), len(rows.t)})
-    for a, b in zip(edges, edges[1:], strict=False):
-        yield StreamPiece(rows.at(slice(a, b)), first if a == 0 and 0 not in cuts else True)
 
 
 @dataclass(frozen=True)

@@ -106,7 +106,11 @@ def propose(model: Model, motion: Motion, skip: Sequence[str] = ()) -> list[Hypo
     Where the simulation has a law, the hypothesis is that the law's size is wrong; where it has several of one effect
     at the same joints, each may be wrong.
     """
-    known = _known(model)
+    known = dict[Key, list[Law]]()  # laws of the simulation that are not zero; of each shape, the first
+    for law in (law for law in model.laws if any(law.effect.coefficients(law.parameters))):
+        same = known.setdefault((law.effect.name, law.joints), [])
+        if _stated(same, law) is None:
+            same.append(law)
     shaped = [Law(x.effect, x.joints, shape) for x, *_ in known.values() if (shape := x.effect.shape(x.parameters))]
     n = len(motion.robot.joints)
     found = [
@@ -126,16 +130,6 @@ def propose(model: Model, motion: Motion, skip: Sequence[str] = ()) -> list[Hypo
         if law.effect is effect
     ]
     return [*found, *more, *_scaled_links(model, skip), *_unknown(motion)]
-
-
-def _known(model: Model) -> dict[Key, list[Law]]:
-    """Laws of the simulation that are not zero, by effect and joints; of each shape, the first."""
-    out = dict[Key, list[Law]]()
-    for law in (law for law in model.laws if any(law.effect.coefficients(law.parameters))):
-        same = out.setdefault((law.effect.name, law.joints), [])
-        if _stated(same, law) is None:
-            same.append(law)
-    return out
 
 
 def _scaled_links(model: Model, skip: Sequence[str]) -> Iterator[Hypothesis]:

@@ -15,7 +15,7 @@ from ...effects.law import law_torque
 from ...faults.evidence import PER_UNKNOWN, judge_amount
 from ...model import Model
 from ...recording.sampling import samples, select_stretches, time_origin
-from ...regression.bandwidth import Band, Decimator, lowpass, moving_minimum, smooth
+from ...regression.bandwidth import Decimator, lowpass, moving_minimum, smooth
 from ...regression.motion import Motion, build_motion, margin
 from ...regression.rows import Task
 from ...regression.session import Part, Session
@@ -59,8 +59,7 @@ def pieces(task: Task, model: Model, recordings: Sequence[Part]) -> Iterator[Pie
             for start, stop in ((a, b) for a, b in pairwise(cuts) if b - a > 2 * half):
                 window = samples(recording, sampling, span, start, stop + 2 * edge)
                 motion = build_motion(model.robot, window, task.band, sampling.period, derivatives, task.slow)
-                made = _piece(task, model, _thinned_motion(motion, task.band, parts), robot, k)
-                yield made._replace(origin=origin)
+                yield _piece(task, model, motion, robot, k)._replace(origin=origin)
 
 
 def bodies_without_rotors(model: Model) -> pin.Model:
@@ -73,15 +72,6 @@ def bodies_without_rotors(model: Model) -> pin.Model:
 def row_filter(task: Task) -> Decimator:
     """Low-pass filter and decimation from the samples of pieces to rows."""
     return task.band.decimator(task.parts)
-
-
-def _thinned_motion(motion: Motion, band: Band, parts: int) -> Motion:
-    """Every `parts`-th sample: positions are in the band already, torque is low-passed first."""
-    if parts == 1:
-        return motion
-    assert motion.recorded is not None, "windows have torque"
-    calm = smooth(motion.recorded, lowpass(band.rate, 0.4 * band.rate / parts), whole=True)
-    return replace(motion, recorded=calm)[::parts]
 
 
 def torque_of(law: Law, motion: Motion) -> dict[int, Array]:
@@ -118,6 +108,10 @@ def reversal_uncertainty(thin: Decimator, pieces: Sequence[Piece], dry: Array) -
 
 
 def _piece(task: Task, model: Model, motion: Motion, robot: Robot, k: int) -> Piece:
+    if task.parts > 1:  # every `parts`-th sample: positions are in the band already, torque is low-passed first
+        assert motion.recorded is not None, "windows have torque"
+        calm = smooth(motion.recorded, lowpass(task.band.rate, 0.4 * task.band.rate / task.parts), whole=True)
+        motion = replace(motion, recorded=calm)[:: task.parts]
     predicted = model.inverse(motion)
     acted, recorded = model.acted(motion), motion.recorded
     assert recorded is not None, "windows have torque"

@@ -17,7 +17,7 @@ Rahimi, Recht, Random features for large-scale kernel machines, NIPS 2007 (featu
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -111,7 +111,10 @@ def estimate_discrepancy(white: Array, fitted: Array, precision: Array, residual
     gram, right, square = columns.T @ columns, columns.T @ residual, float(residual @ residual)
     k, rows = fitted.shape[1], max(int(np.count_nonzero(residual)), 1)
     flat = np.where(np.diag(precision) > 0, 0.0, tuned.FLAT_PRECISION * np.maximum(np.diag(gram)[:k], 1e-12))
-    prior_root = _prior_root(precision + np.diag(flat))
+    prior = precision + np.diag(flat)
+    size = np.sqrt(np.maximum(np.diag(prior), 1e-300))
+    lower = np.linalg.cholesky(prior / size / size[:, None] + PRIOR_ROOT_RIDGE * np.eye(k))
+    prior_root = np.linalg.inv(lower).T / size[:, None]  # R of the coefficients a = R u with u ~ N(0, I)
 
     def at(share: float) -> NoiseEstimate:
         used = slice(0, k if share == 0 else len(gram))
@@ -120,25 +123,14 @@ def estimate_discrepancy(white: Array, fitted: Array, precision: Array, residual
         log = whole.log - float(np.log1p((share / tuned.DISCREPANCY_SCALE) ** 2))
         return whole._replace(size=share * scale, value=root @ whole.value, log=log)
 
-    return _maximise(at)
-
-
-def _maximise(at: Callable[[float], NoiseEstimate]) -> NoiseEstimate:
-    """Highest point of the size grid: a coarse search, then an ascent over neighbours."""
-    found = {k: at(DISCREPANCY_GRID[k]) for k in range(0, len(DISCREPANCY_GRID), GRID_STRIDE)}
+    # a coarse search of the grid, then an ascent over neighbours
+    found = {n: at(DISCREPANCY_GRID[n]) for n in range(0, len(DISCREPANCY_GRID), GRID_STRIDE)}
     while True:
-        best = max(found, key=lambda k: found[k].log)
-        near = [k for k in (best - 1, best + 1) if 0 <= k < len(DISCREPANCY_GRID) and k not in found]
+        best = max(found, key=lambda n: found[n].log)
+        near = [n for n in (best - 1, best + 1) if 0 <= n < len(DISCREPANCY_GRID) and n not in found]
         if not near:
             return found[best]
-        found |= {k: at(DISCREPANCY_GRID[k]) for k in near}
-
-
-def _prior_root(precision: Array) -> Array:
-    """(k, k) [unit of each coefficient] root R of a prior covariance: a = R u with u ~ N(0, I)."""
-    size = np.sqrt(np.maximum(np.diag(precision), 1e-300))
-    lower = np.linalg.cholesky(precision / size / size[:, None] + PRIOR_ROOT_RIDGE * np.eye(len(precision)))
-    return np.asarray(np.linalg.inv(lower).T / size[:, None])
+        found |= {n: at(DISCREPANCY_GRID[n]) for n in near}
 
 
 def _maximise_variance(gram: Array, right: Array, square: float, rows: int) -> NoiseEstimate:

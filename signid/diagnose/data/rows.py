@@ -266,17 +266,16 @@ def rough_drives(pieces: Sequence[Piece]) -> Array:
     few = [(piece.motion[::DRY_STRIDE], piece.residual[::DRY_STRIDE]) for piece in pieces]
     out = np.zeros((few[0][1].shape[1], 3))
     for j, drive in enumerate(out):
-        x = np.concatenate([np.column_stack([_rough_columns(motion, j), y[:, j]]) for motion, y in few])
+        tables = list[Array]()
+        for motion, y in few:
+            bodies = [motion.bodies[:, j, body] for body in np.flatnonzero(motion.moved[j])]
+            columns = [motion.direction[:, j], motion.v[:, j], np.ones(len(motion)), *bodies]
+            tables.append(np.column_stack([*columns, y[:, j]]))
+        x = np.concatenate(tables)
         x = x[np.isfinite(x).all(axis=1)]
         if len(x):
             drive[:] = least_squares(x[:, :-1], x[:, -1], 1e-6)[:3]
     return out
-
-
-def _rough_columns(motion: Motion, joint: int) -> Array:
-    """(N, k) [torque per coefficient] columns of dry and viscous friction, an offset and the bodies."""
-    bodies = [motion.bodies[:, joint, body] for body in np.flatnonzero(motion.moved[joint])]
-    return np.column_stack([motion.direction[:, joint], motion.v[:, joint], np.ones(len(motion)), *bodies])
 
 
 def build_groups(

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import logsumexp
 
-from ...regression.covariance import Misfit
 from ...types import Array, Frozen, Indices
 from ..data.dataset import Dataset, columns_of, solve
 from ..data.noise import (
@@ -39,7 +38,13 @@ def update_noise(dataset: Dataset, selection: Selection) -> Noise:
     is at most `MISFIT_GROWTH` times as large on other recordings.
     """
     if dataset.model.misfit is not None:
-        return _grown(dataset, selection, dataset.model.misfit)
+        known, table = dataset.noise, dataset.table
+        left = np.where(table.at_rest, np.nan, dataset.remaining(selection.data, selection.fit()))
+        size = np.sqrt(np.nanmean(left**2, axis=0))
+        first = noise_of_misfit(replace(known, floor=np.zeros_like(size)), dataset.model.misfit, dataset.task.band)
+        now = np.clip(size / first.floor, 1.0, MISFIT_GROWTH) * first.floor / known.floor
+        floor = now * known.floor
+        return replace(known, floor=floor, innovation=now * known.innovation, saturated_floor=floor)
     noise = update_joints(dataset, selection, range(dataset.table.joints))
     if not np.any(noise.floor < RELEVANT_FLOOR_SHARE * noise.saturated_floor):
         return noise
@@ -51,17 +56,6 @@ def update_noise(dataset: Dataset, selection: Selection) -> Noise:
     least = np.minimum(noise.saturated_floor, first.floor)
     raised = np.maximum(1.0, MIN_FLOOR_SHARE * least / noise.floor)
     return replace(noise, saturated_floor=least, floor=raised * noise.floor, innovation=raised * noise.innovation)
-
-
-def _grown(dataset: Dataset, selection: Selection, misfit: Misfit) -> Noise:
-    """Noise of the misfit, as much larger as the rest of the selected laws is, within bounds."""
-    noise, table = dataset.noise, dataset.table
-    rest = np.where(table.at_rest, np.nan, dataset.remaining(selection.data, selection.fit()))
-    size = np.sqrt(np.nanmean(rest**2, axis=0))
-    first = noise_of_misfit(replace(noise, floor=np.zeros_like(size)), misfit, dataset.task.band)
-    growth = np.clip(size / first.floor, 1.0, MISFIT_GROWTH)
-    now = growth * first.floor / noise.floor
-    return replace(noise, floor=now * noise.floor, innovation=now * noise.innovation, saturated_floor=now * noise.floor)
 
 
 def update_joints(dataset: Dataset, selection: Selection, joints: Sequence[int], colour: bool = True) -> Noise:

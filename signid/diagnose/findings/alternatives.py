@@ -103,13 +103,16 @@ class _Ranking(Frozen):
         probability = {key: any_law * share for key, share in shares.items()}
         least, same_torque = tuned.LISTED_PROBABILITY, tuned.SAME_TORQUE_CHI2
         near = {k for k in same & shares.keys() if probability[k] > least or energy[k] < same_torque}
+        others = {key: x for key, x in probability.items() if key != own and not odds[key].best.claim.unknown}
+        first = max(others, key=lambda key: others[key], default=own)
+        needed = max(tuned.REPLACEMENT_RATIO * probability.get(own, 0.0), tuned.CAUSE_PROBABILITY)
         return Contender(
             group=group,
             evidence=evidence,
             shares=shares,
             candidates={key: odds[key].best for key in sorted(shares, key=lambda key: -shares[key]) if key in near},
             unexplained=sum(x for key, x in shares.items() if odds[key].best.claim.unknown),
-            instead=_replacement(odds, probability, own),
+            instead=odds[first].best if others.get(first, 0.0) > needed else None,
             steadiness=steadiness(selection.posterior, self._contributions, self._residual, group),
             log_at_scale=at_scale.get(own, np.inf),
         )
@@ -148,14 +151,6 @@ class _Ranking(Frozen):
     def _residual(self) -> Array:
         """(M, n) [N.m or N] residual of all selected laws."""
         return self.dataset.remaining(self.selection.data, self._contributions.fit)
-
-
-def _replacement(odds: Mapping[Key, Odds], probability: Mapping[Key, float], own: Key) -> Group | None:
-    """Most probable rival with a law, if it is clearly more probable than the selected law."""
-    others = {key: x for key, x in probability.items() if key != own and not odds[key].best.claim.unknown}
-    first = max(others, key=lambda key: others[key], default=own)
-    needed = max(tuned.REPLACEMENT_RATIO * probability.get(own, 0.0), tuned.CAUSE_PROBABILITY)
-    return odds[first].best if others.get(first, 0.0) > needed else None
 
 
 def _admissible(rest: Selection, odds: Mapping[Key, Odds], logs: Mapping[Key, float], own: Key) -> dict[Key, float]:

@@ -299,13 +299,20 @@ def tell_apart(model: Model, law: Law, rival: Law, floor: Array, seed: int) -> s
     """
     if time_is_up(MOTION_SEARCH):
         return UNSEARCHED_NOTE
-    tried = [(*_distance(law, rival, floor, motion), motion) for motion in _motions(model, seed)]
+    usual = [Law(effect, (j,)) for effect in EFFECTS if effect.usual and effect is not law.effect for j in law.joints]
+    tried = [  # with the usual laws fitted beside, at the joints of the first law
+        (*law_distance(law, rival, motion, wide_columns(usual, motion), floor), motion)
+        for motion in _motions(model, seed)
+    ]
     left, share, motion = max(tried, key=lambda t: t[0])
     if max(s for _, s, _ in tried) < EQUAL_LAW_SHARE:
-        if _is_wider(rival, law):
+        torques = all(isinstance(x.effect, TorqueLaw) for x in (rival, law)) and rival.joints == law.joints
+        if torques and coefficient_count(rival) > coefficient_count(law):
             return f"no motion can distinguish them: it does what {law.effect.name} does, by more numbers"
         return "no motion can distinguish them; another sensor or a known load is needed"
-    joint = _widest(model, motion, (*law.joints, *rival.joints))
+    acting = (*law.joints, *rival.joints)
+    joints = acting if len(acting) < len(model.robot.joints) else range(len(model.robot.joints))
+    joint = max(joints, key=lambda j: float(np.ptp(motion.q[:, j])))
     unit, names = "m" if model.robot.prismatic[joint] else "rad", ",".join(_written(model, x) for x in (law, rival))
     q, v = motion.q[:, joint], motion.v[:, joint]
     return (
@@ -315,12 +322,6 @@ def tell_apart(model: Model, law: Law, rival: Law, floor: Array, seed: int) -> s
     )
 
 
-def _is_wider(rival: Law, law: Law) -> bool:
-    """Whether a torque at the same joint has more numbers, so that it is the other one when some are zero."""
-    alike = all(isinstance(one.effect, TorqueLaw) for one in (rival, law)) and rival.joints == law.joints
-    return alike and coefficient_count(rival) > coefficient_count(law)
-
-
 def _motions(model: Model, seed: int) -> list[Motion]:
     robot, rng = model.robot, np.random.default_rng(seed)
     limits, t = build_limits(robot), np.arange(int(MOTION_DURATION * MOTION_RATE)) / MOTION_RATE
@@ -328,18 +329,6 @@ def _motions(model: Model, seed: int) -> list[Motion]:
     basis = family.basis(t)
     drawn = (random_parameters(basis, limits, rng, AMPLITUDE_SHARES) for _ in range(TRIED_MOTIONS))
     return [with_torque(model, family.sample(robot.joints, x, t)) for x in drawn]
-
-
-def _distance(law: Law, rival: Law, floor: Array, motion: Motion) -> tuple[float, float]:
-    """Distance of two laws while the usual laws are fitted at the joints of the first, and its share."""
-    beside = [Law(effect, (j,)) for effect in EFFECTS if effect.usual and effect is not law.effect for j in law.joints]
-    return law_distance(law, rival, motion, wide_columns(beside, motion), floor)
-
-
-def _widest(model: Model, motion: Motion, joints: tuple[int, ...]) -> int:
-    """The one of some joints that moves over most of its range."""
-    few = joints if len(joints) < len(model.robot.joints) else range(len(model.robot.joints))
-    return max(few, key=lambda j: float(np.ptp(motion.q[:, j])))
 
 
 def _written(model: Model, law: Law) -> str:

@@ -53,7 +53,9 @@ def with_ordinary(model: Model, session: Session, skip: Collection[str]) -> tupl
     Without change where friction is stated, where the model was identified, or where no time is left to fit them.
     """
     stated = [law for law in model.laws if law.effect.dissipative and any(law.effect.coefficients(law.parameters))]
-    assumed = _placeholders(model, stated)
+    numbers = {(law.effect.name, *law.parameters.values()) for law in stated}
+    everywhere = len({law.joints for law in stated}) == len(model.robot.joints) >= MIN_PLACEHOLDER_JOINTS
+    assumed = stated if len(numbers) == 1 and everywhere else []  # the same in every joint is nobody's measurement
     identified = model.covariance is not None or model.misfit is not None
     if identified or len(assumed) < len(stated) or seconds_left() <= 0:
         return model, ()
@@ -66,13 +68,6 @@ def with_ordinary(model: Model, session: Session, skip: Collection[str]) -> tupl
         bare = [j for j in range(len(rough)) if j not in known and name not in skip]
         laws += [Law(effect, (j,), {key: float(start[j])}) for j in bare]
     return replace(model, laws=(*kept, *laws)), (*assumed, *laws)
-
-
-def _placeholders(model: Model, stated: Sequence[Law]) -> tuple[Law, ...]:
-    """Stated friction that is the same number in every joint, and so nobody's measurement; else none."""
-    numbers = {(law.effect.name, *law.parameters.values()) for law in stated}
-    everywhere = len({law.joints for law in stated}) == len(model.robot.joints) >= MIN_PLACEHOLDER_JOINTS
-    return tuple(stated) if len(numbers) == 1 and everywhere else ()
 
 
 def block_of(selection: Selection, ordinary: Sequence[Law]) -> tuple[Group, ...]:
@@ -204,7 +199,10 @@ def stated_number_findings(
     Either a law of the library is behind the residual, or only stated numbers are; in the second case, each refitted
     number is wrong or exactly as stated.
     """
-    no_law, library = _library_probabilities(selection)
+    odds = selection.posterior.odds(selection.selected, selection.dispersion)[0]
+    ratios = {key: float(np.exp(np.clip(x.log, -MAX_LOG_ODDS, MAX_LOG_ODDS))) for key, x in odds.items()}
+    no_law = 1 / (1 + sum(ratios.values()))  # probability that no law of the library is behind the residual
+    library = {key: (ratio / (1 + sum(ratios.values())), odds[key].best) for key, ratio in ratios.items()}
     wrong = {g: no_law * p for g, p in _wrong_probabilities(selection, extended).items()}
     own = {g: library.get(_key(g, library), (0.0, g))[0] for g in wrong}
     likely = {g: min(p + own[g], MAX_PROBABILITY) for g, p in wrong.items()}
@@ -328,14 +326,6 @@ def torque_share(torque: Mapping[int, Array], scale: Array) -> Array:
     for j, x in torque.items():
         out[j] = np.sqrt(np.mean(x**2)) / scale[j]
     return out
-
-
-def _library_probabilities(selection: Selection) -> tuple[float, dict[Key, tuple[float, Group]]]:
-    """Probability that no law of the library is behind the residual, and that of each law."""
-    odds = selection.posterior.odds(selection.selected, selection.dispersion)[0]
-    each = {key: float(np.exp(np.clip(one.log, -MAX_LOG_ODDS, MAX_LOG_ODDS))) for key, one in odds.items()}
-    total = 1 + sum(each.values())
-    return 1 / total, {key: (x / total, odds[key].best) for key, x in each.items()}
 
 
 def _wrong_probabilities(selection: Selection, extended: ExtendedSimulation) -> dict[Group, float]:

@@ -114,7 +114,14 @@ def _select(dataset: Dataset, posterior: Posterior, conditions: _Conditions) -> 
         if _names(again) == _names(selection):
             return updated, again
         dataset, selection = updated, again
-    return (best[0], _under_noise(*best, conditions)) if refit_best else best
+    if not refit_best:
+        return best
+    dataset, selection = best  # the same laws, fitted under the noise of the dataset
+    start = {group: selection.log_odds[group] for group in selection.selected}
+    posterior = _with_shapes(dataset, selection.posterior, selection)
+    kept = initial_selection(posterior, _expected(posterior, conditions.reference), start)
+    kept = replace(kept, first=kept.posterior.odds((), kept.dispersion)[0])
+    return dataset, optimise_shapes(dataset, kept)
 
 
 def _beside_misfit(dataset: Dataset, selection: Selection, conditions: _Conditions) -> tuple[Dataset, Selection]:
@@ -139,14 +146,6 @@ def _score(dataset: Dataset, selection: Selection) -> float:
     rows = Likelihood(dataset, replace(selection, dispersion=np.ones(data.joints))).density()
     half_cauchy = float(np.sum(np.log1p((dataset.noise.discrepancy / data.scale / tuned.DISCREPANCY_SCALE) ** 2)))
     return rows - half_cauchy + log_prior_odds(selection)
-
-
-def _under_noise(dataset: Dataset, selection: Selection, conditions: _Conditions) -> Selection:
-    """The same laws, fitted under the noise of a dataset."""
-    start = {group: selection.log_odds[group] for group in selection.selected}
-    posterior = _with_shapes(dataset, selection.posterior, selection)
-    kept = initial_selection(posterior, _expected(posterior, conditions.reference), start)
-    return optimise_shapes(dataset, replace(kept, first=kept.posterior.odds((), kept.dispersion)[0]))
 
 
 def _search(
@@ -250,7 +249,10 @@ def relinearise(dataset: Dataset, about: Dataset, selection: Selection) -> Datas
     inertials, places = dataset.model.inertials, inertial_places(selection.data.refitted, fit)
     if len(places):
         inertials = inertials + fit.value[places].reshape(inertials.shape)
-    robot = _loaded(dataset.model, laws, inertials)
+    changes = tuple(law for law in laws if isinstance(law.effect, BodyLaw))
+    whole = bodies_without_rotors(Model(dataset.model.robot, inertials, (*dataset.model.laws, *changes)))
+    whole.gravity = dataset.model.bodies().gravity  # a base tilt has columns of its own
+    robot = replace(dataset.model.robot, model=whole)
     new = replace(dataset, pieces=tuple(p._replace(motion=_about(p.motion, robot, laws)) for p in dataset.pieces))
     if any(np.any(n.motion.inertia <= 0) for n in new.pieces) and all(
         np.all(o.motion.inertia > 0) for o in dataset.pieces
@@ -269,14 +271,6 @@ def relinearise(dataset: Dataset, about: Dataset, selection: Selection) -> Datas
     except OutOfTimeError:
         return None
     return replace(new, table=replace(dataset.table, place=place, columns=columns))
-
-
-def _loaded(model: Model, laws: Sequence[Law], inertials: Array) -> Robot:
-    """The robot with other bodies and with the body laws; a base tilt is left out, since it has columns of its own."""
-    changes = tuple(law for law in laws if isinstance(law.effect, BodyLaw))
-    whole = bodies_without_rotors(Model(model.robot, inertials, (*model.laws, *changes)))
-    whole.gravity = model.bodies().gravity
-    return replace(model.robot, model=whole)
 
 
 def _about(motion: Motion, robot: Robot, laws: Sequence[Law]) -> Motion:

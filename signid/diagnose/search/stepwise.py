@@ -310,17 +310,12 @@ def is_admissible(selection: Selection, group: Group) -> bool:
     value = fit.value[fit.place(group)]
     data = selection.data
     rms = [np.sqrt(np.mean((data.raw(j, group) @ value) ** 2)) / data.scale[j] for j in data.rows(group)]
-    if max(rms) < tuned.MIN_LAW_TORQUE_SHARE or (prior.mean and not _is_on(group, float(value[0]))):
+    low, high = tuned.ACTUATOR_RANGE if isinstance(group.claim.laws[0].effect, ActuatorLaw) else tuned.ON_OFF_RANGE
+    if max(rms) < tuned.MIN_LAW_TORQUE_SHARE or (prior.mean and not low < value[0] < high):
         return False
     if not has_possible_numbers(group, value) or not _has_right_sign(group, prior, fit):
         return False
     return not _is_redundant(selection, group) and _has_bodies(selection.posterior, group, fit)
-
-
-def _is_on(group: Group, value: float) -> bool:
-    """Whether the coefficient of a law without numbers is near 1."""
-    low, high = tuned.ACTUATOR_RANGE if isinstance(group.claim.laws[0].effect, ActuatorLaw) else tuned.ON_OFF_RANGE
-    return low < value < high
 
 
 def _has_right_sign(group: Group, prior: CoefficientPrior, fit: Fitted) -> bool:
