@@ -169,7 +169,11 @@ def weigh_within(session: Session, inputs: tuple[Input, ...], progress: Progress
     start = time_origin(parts[0][0])
     if (reason := _refuted(change, session, start)) or change is None:
         return _nothing(session, inputs, reason)
-    moments = _moments(session, parts, change)
+    moments = tuple[LoadMoment, ...]()
+    for k, begins in ((change.low, True), (change.high, False)):
+        if 0 < k < len(change.pieces.start):
+            t, std = _refined(session, parts, change, k, begins)
+            moments = (*moments, LoadMoment(t, std, begins == (change.mass > 0)))  # picked up where mass begins
     sides = [
         tuple((recording, between(sampling, some)) for recording, sampling in parts)
         for some in _intervals(change, moments)
@@ -249,16 +253,6 @@ def _nothing(session: Session, inputs: tuple[Input, ...], reason: str) -> Payloa
         flags=(f"no load picked up: {reason}",),
         notes=session.notes,
     )
-
-
-def _moments(session: Session, parts: Sequence[Part], change: _Change) -> tuple[LoadMoment, ...]:
-    """Moments with their standard deviations; the load is picked up where mass begins."""
-    last, found = len(change.pieces.start), []
-    for k, begins in ((change.low, True), (change.high, False)):
-        if 0 < k < last:
-            t, std = _refined(session, parts, change, k, begins)
-            found.append(LoadMoment(t, std, begins == (change.mass > 0)))
-    return tuple(found)
 
 
 def _refined(session: Session, parts: Sequence[Part], change: _Change, k: int, begins: bool) -> tuple[float, float]:

@@ -350,7 +350,10 @@ def with_payload(model: ModelSource, inertial: ArrayLike, covariance: ArrayLike 
     if covariance is not None and not np.all(np.diag(covariance) > 0):
         raise OptionError("a payload has a variance that is not positive; leave out a covariance that is not known")
     added = np.array(effect.coefficients(dict(zip(effect.parameters, numbers.tolist(), strict=False))))
-    own = np.zeros((len(INERTIAL),) * 2) if covariance is None else _ten(np.asarray(covariance, float))
+    own = np.zeros((len(INERTIAL),) * 2)
+    if covariance is not None:
+        np.fill_diagonal(own, np.inf)  # the inertia of a point mass is not identified
+        own[: len(numbers), : len(numbers)] = covariance
     before = carried(model) or Load(np.zeros(len(INERTIAL)), np.zeros_like(own))
     total, errors = before.inertial + added, before.covariance + own
     if total[0] < -NEGATIVE_MASS_DEVIATIONS * np.sqrt(errors[0, 0]):
@@ -364,13 +367,6 @@ def with_payload(model: ModelSource, inertial: ArrayLike, covariance: ArrayLike 
     law = Law(effect, (len(model.robot.joints) - 1,), dict(zip(effect.parameters, total.tolist(), strict=True)))
     unknown = covariance is None or (before.inertial[0] > 0 and model.payload_covariance is None)
     return replace(_less_sure(model, own), laws=(*laws, law), payload_covariance=None if unknown else errors)
-
-
-def _ten(covariance: Array) -> Array:
-    """Covariance (10, 10) of ten numbers; the inertia of a point mass is not identified."""
-    whole = np.diag(np.full(len(INERTIAL), np.inf))
-    whole[: len(covariance), : len(covariance)] = covariance
-    return whole
 
 
 def _less_sure(model: Model, covariance: Array) -> Model:

@@ -109,7 +109,9 @@ class Changes:
         if self.since < MIN_NAMING_TIME:
             return []
         found = self.after.candidates(self.noise)
-        shares = _probabilities(found)
+        scores = np.array([candidate.score for candidate in found])
+        weight = np.exp(scores - scores.max(initial=-np.inf))
+        shares = (weight / weight.sum()).tolist()  # posterior probabilities with equal priors
         for k, best in enumerate(found[:2]):
             if _noticed(best) and self._clear(best, _share(best, found, shares)) and self._lasts(best):
                 events = self._named(t, k, found, shares)
@@ -261,15 +263,6 @@ def _share(best: Suspect, found: list[Suspect], shares: list[float]) -> float:
     """Probability of the laws of a candidate, alone or with others."""
     with_it = (set(best.columns) <= set(one.columns) and one.joint == best.joint for one in found)
     return min(1.0, sum(p for p, same in zip(shares, with_it, strict=True) if same))
-
-
-def _probabilities(found: list[Suspect]) -> list[float]:
-    """Posterior probabilities of candidates with equal priors."""
-    if not found:
-        return []
-    scores = np.array([one.score for one in found])
-    weight = np.exp(scores - scores.max())
-    return [float(x) for x in weight / weight.sum()]
 
 
 class Suspect(NamedTuple):

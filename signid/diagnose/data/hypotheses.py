@@ -56,15 +56,12 @@ class Hypothesis:
         """Effect and joints, for all shapes."""
         if self.unknown:
             return self.kind, (self.joint,)
-        return self._numbered(self.kind), self.laws[0].joints
+        return self.kind if self.nth == 1 else f"{self.kind} {self.nth}", self.laws[0].joints
 
     @property
     def names(self) -> set[Key]:
-        """Effect and joints of each of its laws."""
-        return {(self._numbered(law.effect.name), law.joints) for law in self.laws}
-
-    def _numbered(self, name: str) -> str:
-        return name if self.nth == 1 else f"{name} {self.nth}"
+        """Effect and joints of its law."""
+        return {self.key} if self.laws else set()
 
     @property
     def bodies(self) -> set[int]:
@@ -89,7 +86,15 @@ class Hypothesis:
         """Columns S: for each joint whose torque it changes, (N, k) [torque per coefficient]."""
         if self.unknown:
             return {self.joint: hats(variable(motion, self.joint, self.variable), self.knots)}
-        rows, columns = _secant(self.laws[0], motion) if self.finite else law_columns(self.laws[0], motion)
+        law = self.laws[0]
+        if not self.finite:
+            rows, columns = law_columns(law, motion)
+        else:  # change of torque by a recording law of one number at its full size, over that size
+            (key,) = law.effect.linear()
+            change = of_kind(law.effect, RecordingLaw).change(motion.at(law.joints), law.parameters, exactly=True)
+            wide = change.shape[1] != len(law.joints) or law.effect.scope == "link"
+            rows = tuple(range(change.shape[1])) if wide else law.joints
+            columns = change[..., None] / law.parameters[key]
         columns = columns @ self.numbers if self.scaled else columns
         return {j: finite(columns[:, k]) for k, j in enumerate(rows)}
 
@@ -168,14 +173,6 @@ def variable(motion: Motion, joint: int, name: str) -> Array:
 def hats(x: Array, knots: Sequence[float]) -> Array:
     """(N, k - 1) [1] hat functions of x (N,) [any unit], without the first: the others and a constant make it."""
     return np.column_stack([np.interp(x, knots, row) for row in np.eye(len(knots))[1:]])
-
-
-def _secant(law: Law, motion: Motion) -> tuple[tuple[int, ...], Array]:
-    """Torque change by a recording law with one coefficient at its full size, over that size."""
-    (key,) = law.effect.linear()
-    change = of_kind(law.effect, RecordingLaw).change(motion.at(law.joints), law.parameters, exactly=True)
-    wide = change.shape[1] != len(law.joints) or law.effect.scope == "link"
-    return tuple(range(change.shape[1])) if wide else law.joints, change[..., None] / law.parameters[key]
 
 
 def is_refitted(law: Law) -> bool:

@@ -125,7 +125,10 @@ def subsample(session: Session) -> Session:
     joints = len(session.robot.joints)
     seconds = max(MIN_SECONDS, JOINT_SECONDS / joints**2)
     soon = SECONDS_PER_SECOND * seconds_left() / joints**2
-    while soon < seconds and not _suffices(session, _cut(session.train, soon)):
+    while soon < seconds:
+        amount = judge_amount(session, _cut(session.train, soon))
+        if amount.rows >= CHECK_ROWS_FACTOR * PER_UNKNOWN * amount.unknowns:
+            break
         soon = STRETCH_GROWTH * max(soon, 1.0)
     seconds = min(seconds, soon)
     train, held_out = (_cut(parts, seconds) for parts in (session.train, session.held_out))
@@ -134,11 +137,6 @@ def subsample(session: Session) -> Session:
         return session
     note = f"{used:.0f} s of the {whole:.0f} s of recordings were used, in evenly spread stretches"
     return replace(session, train=train, held_out=held_out, notes=(*session.notes, note))
-
-
-def _suffices(session: Session, parts: tuple[Part, ...]) -> bool:
-    amount = judge_amount(session, parts)
-    return amount.rows >= CHECK_ROWS_FACTOR * PER_UNKNOWN * amount.unknowns
 
 
 def _duration(parts: tuple[Part, ...]) -> float:

@@ -228,7 +228,15 @@ def measure_noise(table: RowTable, periods: Sequence[float | None], rate: float)
     Source: autoregressive prewhitening as in Ljung, System Identification, 1999, section 14.4.
     """
     used = _columns_in_fit(table)
-    found = [_of_joint(table, j, used, periods, rate) for j in range(table.joints)]
+    found = list[tuple[float, Array, float, float]]()
+    for j in range(table.joints):
+        rest, reversal_std, factor = _saturated(table, j, used)
+        choices = [_fit(rest, factor, _reliable(rest, reversal_std, float(table.scale[j])))]
+        if again := _replicates(table, j, periods, rate):
+            choices.append(_fit(again, tuned.REPLICATE_FACTOR, [np.ones(len(x), dtype=bool) for x in again]))
+        best = min(choices, key=lambda choice: choice[0])
+        reversal_scale = _reversal_scale(factor * np.concatenate(rest), np.concatenate(reversal_std), best[0])
+        found.append((*best, reversal_scale))
     floor, coefficients, innovation, scale = (np.array(x) for x in zip(*found, strict=True))
     return Noise(floor, coefficients, innovation, np.zeros(table.joints), floor, scale)
 
@@ -280,17 +288,6 @@ def whiten(x: Array, coefficients: Array, innovation: float, piece: Indices) -> 
 def has_full_window(piece: Indices, order: int) -> Mask:
     """(M - order,) whether the `order` rows before a row are of the same piece (M,), from the `order`-th row on."""
     return np.asarray(piece[order:] == piece[:-order])
-
-
-def _of_joint(
-    table: RowTable, joint: int, used: Mask, periods: Sequence[float | None], rate: float
-) -> tuple[float, Array, float, float]:
-    rest, reversal_std, factor = _saturated(table, joint, used)
-    choices = [_fit(rest, factor, _reliable(rest, reversal_std, float(table.scale[joint])))]
-    if again := _replicates(table, joint, periods, rate):
-        choices.append(_fit(again, tuned.REPLICATE_FACTOR, [np.ones(len(x), dtype=bool) for x in again]))
-    best = min(choices, key=lambda choice: choice[0])
-    return *best, _reversal_scale(factor * np.concatenate(rest), np.concatenate(reversal_std), best[0])
 
 
 def noise_of_rest(table: RowTable, joint: int, rest: Array, factor: float) -> tuple[float, Array, float]:

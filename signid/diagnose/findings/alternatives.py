@@ -232,21 +232,16 @@ def residual_energies(
     least = odds[own].log - tuned.COMPARED_LOG_ODDS if own in odds else -np.inf
     out = {own: max(sum(energy.values()), 1e-300)}
     for key, rival in odds.items():
-        twin, acted_on = _is_twin(posterior, group, rival.best), data.rows(rival.best)
-        if rival.best.claim.unknown or (rival.log < least and not twin) or joints.isdisjoint(acted_on):
+        claim, acted_on = rival.best.claim, data.rows(rival.best)
+        prior = posterior.evidence.coefficient_priors[rival.best]
+        twin = claim.key[1] == group.claim.key[1] and claim.kind in group.claim.laws[0].effect.twins
+        twin = twin and prior is not None and not prior.mean  # nearly indistinguishable at any size
+        if claim.unknown or (rival.log < least and not twin) or joints.isdisjoint(acted_on):
             continue
         elsewhere = sum(x for j, x in energy.items() if j not in acted_on)
         if key != own and (twin or elsewhere < tuned.SAME_TORQUE_CHI2):
             out[key] = elsewhere + _residual_energy(posterior, rival.best, torque)
     return out
-
-
-def _is_twin(posterior: Posterior, group: Group, rival: Group) -> bool:
-    """Whether a rival at the same place is nearly indistinguishable at any size, as its effect states."""
-    if rival.claim.key[1] != group.claim.key[1] or rival.claim.kind not in group.claim.laws[0].effect.twins:
-        return False
-    prior = posterior.evidence.coefficient_priors[rival]
-    return prior is not None and not prior.mean
 
 
 def _residual_energy(posterior: Posterior, rival: Group, torque: Mapping[int, Array]) -> float:

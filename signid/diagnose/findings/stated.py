@@ -31,7 +31,7 @@ from ..data.motions import pieces
 from ..data.rows import Group, rough_drives
 from ..evidence.bayes_factors import Evidence
 from ..evidence.selection import Posterior, Selection
-from ..extend import Prediction, ResidualRows, extended_laws, is_plain, is_same, predict
+from ..extend import Prediction, extended_laws, is_plain, is_same, predict
 from ..result import Alternative, Finding
 from .held_out_selection import ExtendedSimulation, error_change
 
@@ -143,6 +143,10 @@ def ordinary_findings(
         inside = isinstance(group.law.effect, EstimatedGain) and abs(step) < TWO_SIDED * np.sqrt(variance)
         if odds < 0 or share[joint] < tuned.MIN_LAW_TORQUE_SHARE or inside:
             continue
+        rows, change = extended.held_out, replace(law, parameters={key: step})
+        removed = np.concatenate([rows.thin(law_torque(change, piece.motion)[1][:, :1]) for piece in rows.pieces])
+        after = rows.residual[:, joint]
+        before = after + removed[:, 0]
         yield Finding(
             law=law,
             std={key: float(np.sqrt(variance))},
@@ -152,7 +156,7 @@ def ordinary_findings(
             where=locate(dataset.table, joint, column * step, bool(given.robot.prismatic[joint]), VARIABLE_NAMES[:-1]),
             statistic=odds,
             threshold=0.0,
-            held_out_gain=_gain(extended.held_out, replace(law, parameters={key: step}), joint),
+            held_out_gain=1 - float(np.nansum(after**2)) / max(float(np.nansum(before**2)), 1e-300),
             alternatives=(),
             stated=stated,
             ordinary=True,
@@ -182,13 +186,6 @@ def softened(finding: Finding) -> Finding:
     if finding.law.effect.name != "quadratic_friction" or finding.law.parameters["coefficient"] >= 0:
         return finding
     return replace(finding, role="secondary", probability=min(finding.probability, MAX_BODY_PROBABILITY))
-
-
-def _gain(rows: ResidualRows, law: Law, joint: int) -> float:
-    """Share of the held-out sum of squares at a joint that the torque of a law of the extended model removes."""
-    made = [rows.thin(law_torque(law, piece.motion)[1][:, :1]) for piece in rows.pieces]
-    after, torque = rows.residual[:, joint], np.concatenate(made)[:, 0]
-    return 1 - float(np.nansum(after**2)) / max(float(np.nansum((after + torque) ** 2)), 1e-300)
 
 
 def stated_number_findings(
@@ -300,17 +297,14 @@ def reported_laws(given: Model, extended: ExtendedSimulation) -> dict[Group, tup
 
     The standard deviation of a phase, for example, is that beside the whole amplitude, not beside its change.
     """
-    return {
-        group: tuple(
-            _reported(law, given, extended.prediction.model if group in extended.kept else None) for law in own
-        )
-        for group, own in extended.laws.items()
-    }
-
-
-def _reported(law: Law, given: Model, extended: Model | None) -> Law:
-    known = isinstance(law.effect, TorqueLaw) and any(is_same(law, other) for other in given.laws)
-    return total_law(law, given, extended) if known and not is_plain(law.effect) else law
+    reported = dict[Group, tuple[Law, ...]]()
+    for group, laws in extended.laws.items():
+        model = extended.prediction.model if group in extended.kept else None
+        curved = [isinstance(law.effect, TorqueLaw) and not is_plain(law.effect) for law in laws]
+        known = [any(is_same(law, other) for other in given.laws) for law in laws]
+        choices = zip(laws, curved, known, strict=True)
+        reported[group] = tuple(total_law(law, given, model) if a and b else law for law, a, b in choices)
+    return reported
 
 
 def stated_numbers(model: Model, law: Law) -> dict[str, float]:

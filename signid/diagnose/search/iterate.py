@@ -101,7 +101,12 @@ def _select(dataset: Dataset, posterior: Posterior, conditions: _Conditions) -> 
         if time_is_up(LAW_SEARCH):
             break
         updated = replace(dataset, noise=update_noise(dataset, selection))
-        if (score := _score(updated, selection)) <= highest:
+        # log posterior density of the laws and of the noise estimated beside them, up to a constant [-]
+        data = selection.data
+        rows = Likelihood(updated, replace(selection, dispersion=np.ones(data.joints))).density()
+        half_cauchy = np.log1p((updated.noise.discrepancy / data.scale / tuned.DISCREPANCY_SCALE) ** 2)
+        score = rows - float(np.sum(half_cauchy)) + log_prior_odds(selection)
+        if score <= highest:
             break
         posterior = _with_rows(posterior, updated)
         laws = [law for group in selection.selected for law in group.claim.laws]
@@ -138,14 +143,6 @@ def _beside_misfit(dataset: Dataset, selection: Selection, conditions: _Conditio
         if same:
             break
     return dataset, selection
-
-
-def _score(dataset: Dataset, selection: Selection) -> float:
-    """Log posterior density of the selected laws and of the noise estimated beside them, up to a constant [-]."""
-    data = selection.data
-    rows = Likelihood(dataset, replace(selection, dispersion=np.ones(data.joints))).density()
-    half_cauchy = float(np.sum(np.log1p((dataset.noise.discrepancy / data.scale / tuned.DISCREPANCY_SCALE) ** 2)))
-    return rows - half_cauchy + log_prior_odds(selection)
 
 
 def _search(

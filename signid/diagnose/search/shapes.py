@@ -114,10 +114,13 @@ def _is_linearised(effect: Effect) -> bool:
 def _optimise(dataset: Dataset, option: _Option, others: _Others) -> tuple[float, Hypothesis]:
     """Maximise the log odds [-] of a law over its shapes, or over the size of a recording law."""
     known, start, posterior = option.hypothesis, _start(option, others), others.selection.posterior
-    law, keys, moves = known.laws[0], list(start), [_move(key) for key in start]
+    law, keys = known.laws[0], list(start)
 
     def hypothesis(x: Array) -> Hypothesis:
-        numbers = {key: move(start[key], float(v)) for key, move, v in zip(keys, moves, x, strict=True)}
+        numbers = {  # steps in -1 to 1 move ends of windows by addition, all else by a factor
+            key: start[key] + tuned.WINDOW_REACH * step if key in WINDOW_ENDS else start[key] * tuned.SHAPE_FACTOR**step
+            for key, step in zip(keys, x.tolist(), strict=True)
+        }
         return replace(known, laws=(Law(law.effect, law.joints, {**law.parameters, **numbers}),))
 
     def cost(x: Array) -> float:
@@ -191,13 +194,6 @@ def _start(option: _Option, others: _Others) -> dict[str, float]:
     contributions = measure_contributions(rest.evidence, (*rest.selected, group), others.dispersion, rest.prior_scale)
     (key,) = law.effect.linear()
     return {key: float(contributions.coefficients[group][0])}
-
-
-def _move(key: str) -> Callable[[float, float], float]:
-    """Map from a step in -1 to 1 to a number: ends of windows by addition, all else by a factor."""
-    if key in WINDOW_ENDS:
-        return lambda x, step: x + tuned.WINDOW_REACH * step
-    return lambda x, step: float(x * tuned.SHAPE_FACTOR**step)
 
 
 class _Window(NamedTuple):

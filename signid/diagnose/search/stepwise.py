@@ -204,23 +204,18 @@ def prune(dataset: Dataset, session: Session, selection: Selection) -> Selection
 
     The residual is that of the extended simulation, since laws change each other's torque.
     """
-    selection = _significant(_possible(selection))
-    while selection.selected and not time_is_up(LAW_SEARCH):
-        worst, harm = max(_training_harm(dataset, session, selection).items(), key=lambda item: item[1])
-        if harm <= 0:
-            return selection
-        selection = selection.without(worst)
-    return selection
-
-
-def _possible(selection: Selection) -> Selection:
-    """Drop laws whose numbers became impossible beside the others, the least probable first."""
-    while selection.selected:
+    while selection.selected:  # impossible beside the others, the least probable first
         fit = selection.fit()
         wrong = [group for group in selection.selected if not has_possible_numbers(group, fit.value[fit.place(group)])]
         if not wrong:
             break
         selection = selection.without(min(wrong, key=lambda group: selection.log_odds[group]))
+    selection = _significant(selection)
+    while selection.selected and not time_is_up(LAW_SEARCH):
+        worst, harm = max(_training_harm(dataset, session, selection).items(), key=lambda item: item[1])
+        if harm <= 0:
+            return selection
+        selection = selection.without(worst)
     return selection
 
 
