@@ -115,7 +115,8 @@ def handed_out(question: Posed, level: float) -> ExtendedSimulation:
 def test_a_wrong_stated_parameter_is_named_with_both_values() -> None:
     question = posed("1r", fault("coulomb_friction", 1, level=MORE))
     extended = handed_out(question, STATED + MORE)
-    (found,) = stated_number_findings(question.dataset, question.session, question.found(), extended)
+    before = predict(question.session, question.dataset.model)
+    (found,) = stated_number_findings(question.dataset, before, question.found(), extended)
     assert (found.law.effect.name, found.law.joints, found.role) == ("coulomb_friction", (0,), "cause")
     assert found.stated == {"level": STATED} and found.law.parameters == {"level": pytest.approx(STATED + MORE)}
     assert 0.2 < found.probability < 1 and found.torque_share[0] > 0.007
@@ -125,4 +126,5 @@ def test_a_wrong_stated_parameter_is_named_with_both_values() -> None:
 def test_correct_stated_parameters_are_not_named() -> None:
     question = posed("1r")
     extended = handed_out(question, STATED)
-    assert not list(stated_number_findings(question.dataset, question.session, question.found(), extended))
+    before = predict(question.session, question.dataset.model)
+    assert not list(stated_number_findings(question.dataset, before, question.found(), extended))

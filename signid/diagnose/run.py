@@ -301,9 +301,9 @@ def prepare_session(
     session = subsample(session)
     show("looking for recording faults", 0.1)
     faults = examine(model, session)
-    if broken := [one for one in faults.findings if one.kind in SAMPLE_KINDS and one.severity == REFUSE]:
+    if broken := [fault for fault in faults.findings if fault.kind in SAMPLE_KINDS and fault.severity == REFUSE]:
         raise RecordingError(broken[0].sentence)
-    if any(one.kind == SHORT_FAULT and one.measures["rows"] >= MIN_JOINT_ROWS for one in faults.findings):
+    if any(x.kind == SHORT_FAULT and x.measures["rows"] >= MIN_JOINT_ROWS for x in faults.findings):
         faults = replace(faults, findings=tuple(f for f in faults.findings if f.kind == SHORT_FAULT or _is_clear(f)))
     elif faults.refusal:
         raise RecordingError(faults.refusal)
@@ -372,7 +372,7 @@ def build(
         )
     motion = pooled([p.motion for p in made])
     hypotheses = [] if skip is None else propose(model, motion, (*skip, CONTACT, GRAVITY_EFFECT))
-    hypotheses = [one for one in hypotheses if one.stated not in free]
+    hypotheses = [hypothesis for hypothesis in hypotheses if hypothesis.stated not in free]
     dry = dry_friction(model, made)
     table = build_table(task, model, build_groups(model, made[0].motion, hypotheses, dry, free), made, dry)
     periods = tuple(find_period(longest_piece(part).q, 1 / part[1].period) for part in parts)

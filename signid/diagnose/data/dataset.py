@@ -298,27 +298,27 @@ class Fitted(NamedTuple):
     def covariance(self) -> Array:
         """(k, k) [units of the coefficients, squared] posterior covariance."""
         out = np.zeros((len(self.which),) * 2)
-        for one in self.factors:
-            inverse = one.forward(np.eye(len(one.place)))
-            out[np.ix_(one.place, one.place)] = inverse.T @ inverse
+        for block in self.factors:
+            inverse = block.forward(np.eye(len(block.place)))
+            out[np.ix_(block.place, block.place)] = inverse.T @ inverse
         return out if self.gains is None else self.gains.widened(out, self.gains.among(self.which))
 
     def restricted(self, free: Mask) -> Fitted:
         """Fit again with all coefficients zero except those that are free (k,)."""
         value, before = np.zeros(len(self.which)), self.value
-        for one in self.factors:
-            inside = free[one.place]
-            factor = one.size[:, None] * one.lower
+        for block in self.factors:
+            inside = free[block.place]
+            factor = block.size[:, None] * block.lower
             square = factor[inside] @ factor.T
-            right = square @ before[one.place]
-            value[one.place[inside]] = least_squares(square[:, inside], right)
+            right = square @ before[block.place]
+            value[block.place[inside]] = least_squares(square[:, inside], right)
         return self.with_value(value)
 
     def with_value(self, value: Array) -> Fitted:
         """The same fit with coefficients of another value (k,) [unit of each coefficient]."""
         forward_right = np.zeros(len(self.which))
-        for one in self.factors:
-            forward_right[one.place] = one.lower.T @ (one.size * value[one.place])
+        for block in self.factors:
+            forward_right[block.place] = block.lower.T @ (block.size * value[block.place])
         return self._replace(forward_right=forward_right)
 
     def forward(self, rows: Array) -> Array:
@@ -331,8 +331,8 @@ class Fitted(NamedTuple):
 
     def _blockwise(self, substitute: Callable[[Factor, Array], Array], x: Array) -> Array:
         out = np.zeros(x.shape)
-        for one in self.factors:
-            out[one.place] = substitute(one, x[one.place])
+        for block in self.factors:
+            out[block.place] = substitute(block, x[block.place])
         return out
 
 
@@ -356,7 +356,7 @@ def join(which: Indices, fits: Sequence[Fitted]) -> Fitted:
     for fit in fits:
         place = order[np.searchsorted(which, fit.which, sorter=order)]
         forward_right[place] = fit.forward_right
-        factors += [one._replace(place=place[one.place]) for one in fit.factors]
+        factors += [block._replace(place=place[block.place]) for block in fit.factors]
     return Fitted(which, tuple(factors), forward_right, sum(fit.log_evidence for fit in fits))
 
 

@@ -102,6 +102,7 @@ def conclude(
     contenders = [_with_held_out(one, extended, stds, session.judges_itself) for one in contenders]
     verdict = _revised(verdict, contenders, extended, session.judges_itself)
     prediction = extended.prediction
+    before: Prediction | None = None
     if order or block:
         covariance = extended_covariance(prediction.model, selection, extended)
         prediction = prediction._replace(model=replace(prediction.model, covariance=covariance))
@@ -113,17 +114,15 @@ def conclude(
     if not verdict.causes and usual:
         verdict = replace(verdict, name="named" if verdict.name == "nothing_missing" else verdict.name)
     elif not verdict.causes:
-        known = dataset.model.misfit is not None
-        find = stated_number_findings if known or verdict.name == "unknown" else body_finding
-        stated = list(find(dataset, session, selection, extended))
+        before, known = predict(session, dataset.model), dataset.model.misfit is not None
+        if known or verdict.name == "unknown":
+            stated = list(stated_number_findings(dataset, before, selection, extended))
+            changed = known and any(finding.probability > tuned.CHANGED_PROBABILITY for finding in stated)
+        else:
+            stated = list(body_finding(dataset, before, selection, extended))
+            changed = bool(stated)
         findings = [*stated, *findings]
-        if (
-            find is body_finding
-            and stated
-            or known
-            and any(one.probability > tuned.CHANGED_PROBABILITY for one in stated)
-        ):
-            verdict = replace(verdict, name="named")
+        verdict = replace(verdict, name="named") if changed else verdict
     gains = [law.joints[0] for law in ordinary if isinstance(law.effect, EstimatedGain)]
     added = [law for law in ordinary if not isinstance(law.effect, EstimatedGain)]
     if usual or gains:
@@ -134,7 +133,7 @@ def conclude(
         prediction = without_vague(session, prediction, added, usual)
     judged = prediction
     if not any(finding.role == "cause" for finding in findings):  # numbers refitted beside no cause fit the noise
-        prediction = predict(session, given)
+        prediction = before if before is not None and given is dataset.model else predict(session, given)
         known = selection.evidence.informed or selection.prior_scale > 1  # else bodies deviate as they usually do
         judged = prediction if known else judged
         findings = [replace(finding, in_model=False, refused=finding.refused or UNCAUSED_FLAG) for finding in findings]

@@ -189,12 +189,12 @@ def softened(finding: Finding) -> Finding:
 
 
 def stated_number_findings(
-    dataset: Dataset, session: Session, selection: Selection, extended: ExtendedSimulation
+    dataset: Dataset, before: Prediction, selection: Selection, extended: ExtendedSimulation
 ) -> Iterator[Finding]:
     """Causes that are wrong numbers of stated laws, for a diagnosis without other causes.
 
     Either a law of the library is behind the residual, or only stated numbers are; in the second case, each refitted
-    number is wrong or exactly as stated.
+    number is wrong or exactly as stated. `before` is the prediction of the simulation as given.
     """
     odds = selection.posterior.odds(selection.selected, selection.dispersion)[0]
     ratios = {key: float(np.exp(np.clip(x.log, -MAX_LOG_ODDS, MAX_LOG_ODDS))) for key, x in odds.items()}
@@ -206,7 +206,7 @@ def stated_number_findings(
     likely = {g: p for g, p in likely.items() if p >= tuned.CAUSE_PROBABILITY}
     if not likely:
         return
-    given, after = predict(session, dataset.model).held_out.residual, extended.prediction.held_out.residual
+    given, after = before.held_out.residual, extended.prediction.held_out.residual
     fit, data = selection.reported(), selection.data
     for group, probability in sorted(likely.items(), key=lambda item: -item[1]):
         assert group.law is not None, "refitted laws are stated"
@@ -230,7 +230,7 @@ def stated_number_findings(
 
 
 def body_finding(
-    dataset: Dataset, session: Session, selection: Selection, extended: ExtendedSimulation
+    dataset: Dataset, before: Prediction, selection: Selection, extended: ExtendedSimulation
 ) -> Iterator[Finding]:
     """Cause that bodies are wrong, where held-out rows support their refit, for a diagnosis without other causes.
 
@@ -244,7 +244,6 @@ def body_finding(
     for joint, body in enumerate(selection.posterior.carried):
         parts = [data.part(j, groups[body]) @ step[body] for j in data.rows(groups[body])]
         energy[joint] = sum(float(x @ x) for x in parts)
-    before = predict(session, dataset.model)
     strong = np.maximum(rms_of(before.train.torque), tuned.MIN_JOINT_SHARE * data.scale.max())
     usual = (
         1.0 if np.all(rms_of(before.train.residual) < tuned.USUAL_BODY_SHARE * strong) else 0.0
