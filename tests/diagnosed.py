@@ -14,8 +14,8 @@ from benchmarks.plants.bodies import Drives
 from benchmarks.plants.faults import Fault
 from benchmarks.plants.mujoco_ import log, simulate
 from signid.diagnose import Diagnosis
-from signid.diagnose.data.column_groups import Group
 from signid.diagnose.data.dataset import Dataset
+from signid.diagnose.data.rows import Group
 from signid.diagnose.evidence.bayes_factors import Evidence
 from signid.diagnose.evidence.selection import Posterior, Selection
 from signid.diagnose.run import _no_progress, _posterior, build, prepare_session

@@ -9,13 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import signid
-from signid.diagnose.data.column_groups import Group, build_groups
-from signid.diagnose.data.dataset import Dataset
+from signid.diagnose.data.dataset import Dataset, whitened
 from signid.diagnose.data.hypotheses import Hypothesis
 from signid.diagnose.data.motions import Piece
 from signid.diagnose.data.noise import Noise
-from signid.diagnose.data.rows import build_table
-from signid.diagnose.data.whitened_rows import whitened
+from signid.diagnose.data.rows import Group, build_groups, build_table
 from signid.diagnose.evidence.bayes_factors import Evidence
 from signid.diagnose.evidence.selection import Posterior, Selection
 from signid.diagnose.search.stepwise import initial_selection

@@ -7,9 +7,9 @@ from functools import cache
 import numpy as np
 from plant import law
 
-from signid.diagnose.data.column_groups import Group
+from signid.diagnose.data.dataset import Whitened
 from signid.diagnose.data.hypotheses import Hypothesis
-from signid.diagnose.data.whitened_rows import Whitened
+from signid.diagnose.data.rows import Group
 from signid.diagnose.evidence.bayes_factors import Evidence
 from signid.types import Array
 

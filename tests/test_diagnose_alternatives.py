@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from diagnosed import Posed, fault, posed
 
-from signid.diagnose.data.thresholds import COVARIANCE_SCALES
-from signid.diagnose.data.whitened_rows import columns_of
+from signid.diagnose.data.dataset import columns_of
 from signid.diagnose.evidence.bayes_factors import Evidence
 from signid.diagnose.evidence.prior import StatedPrior
 from signid.diagnose.findings.alternatives import Contender, _follows, limit_in_step, rank_contenders
 from signid.diagnose.findings.verdict import decide_verdict
 from signid.diagnose.search.stepwise import is_applicable, present_laws, resolved_violations
+from signid.diagnose.thresholds import COVARIANCE_SCALES
 
 SPRING, DRAG = fault("spring", 1, stiffness=4.0, rest=0.3), fault("quadratic_friction", 1, coefficient=0.3)
 OFF = COVARIANCE_SCALES[-1]

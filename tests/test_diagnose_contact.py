@@ -9,9 +9,9 @@ import pytest
 from diagnosis_rows import RATE, Question, law, names, pose
 
 from signid.diagnose.data.hypotheses import Hypothesis
-from signid.diagnose.data.thresholds import CONTACT_WIDTHS
-from signid.diagnose.search.contact_window import MIN_WINDOW_ROWS, _best, find_contact
 from signid.diagnose.search.iterate import _with_contact
+from signid.diagnose.search.shapes import MIN_WINDOW_ROWS, _best, find_contact
+from signid.diagnose.thresholds import CONTACT_WIDTHS
 from signid.types import Array
 
 FORCE = {"force_x": 2.0, "force_y": -1.0, "force_z": 3.0}

@@ -14,8 +14,8 @@ from diagnosed import fault, read, recorded, simulation
 import signid
 from signid.diagnose import Diagnosis
 from signid.diagnose.data.hypotheses import Hypothesis
-from signid.diagnose.data.thresholds import ADDED_FREQUENCY
 from signid.diagnose.evidence.prior import log_prior
+from signid.diagnose.thresholds import ADDED_FREQUENCY
 from signid.effects import EFFECTS
 from signid.effects.base import TorqueLaw
 from signid.types import Array, Coefficient, Law, View

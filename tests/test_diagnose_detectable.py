@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from random_rows import DISPERSION, OFFSET, SPRING, VISCOUS, WAVE, rows, table
 
-from signid.diagnose.data.column_groups import Group
+from signid.diagnose.data.rows import Group
 from signid.diagnose.detectable import NAMING_PROBABILITY, measure_power
 from signid.diagnose.evidence.bayes_factors import Evidence, log_bayes_factor
 

@@ -14,7 +14,7 @@ pytest.importorskip("mujoco", reason="MuJoCo is not installed; pip install 'sign
 from diagnosed import Planted, fault, look  # noqa: E402
 
 from signid.diagnose import Diagnosis  # noqa: E402
-from signid.diagnose.findings.thresholds import MAX_MOTIONS, MOTIONS_PER_FINDING, PLAUSIBLE_PROBABILITY  # noqa: E402
+from signid.diagnose.thresholds import MAX_MOTIONS, MOTIONS_PER_FINDING, PLAUSIBLE_PROBABILITY  # noqa: E402
 from signid.effects import EFFECTS  # noqa: E402
 from signid.output.report import to_json  # noqa: E402
 from signid.output.report.results.diagnosis import diagnosis_document  # noqa: E402

@@ -22,12 +22,12 @@ from random_rows import (
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
-from signid.diagnose.data.column_groups import Group
-from signid.diagnose.data.thresholds import EFFECT_SIZES, INERTIAL_SCALES, LOG_INERTIAL_SCALE_PRIOR
-from signid.diagnose.data.whitened_rows import columns_of
+from signid.diagnose.data.dataset import columns_of
+from signid.diagnose.data.rows import Group
 from signid.diagnose.evidence.bayes_factors import Evidence
 from signid.diagnose.evidence.linear_model import SELECTED_SIZE, StatedPrior
 from signid.diagnose.evidence.prior import CoefficientPrior
+from signid.diagnose.thresholds import EFFECT_SIZES, INERTIAL_SCALES, LOG_INERTIAL_SCALE_PRIOR
 from signid.types import Array
 
 

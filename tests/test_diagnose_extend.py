@@ -9,14 +9,14 @@ import pytest
 from diagnosed import DRIVES, fault, look, named, posed, simulation
 from plant import law
 
-from signid.diagnose.data.column_groups import Group, tolerance
+from signid.diagnose.data.dataset import Fitted, solve
 from signid.diagnose.data.hypotheses import Hypothesis, is_refitted, propose
-from signid.diagnose.data.whitened_rows import Fitted, solve
-from signid.diagnose.extend.extend import extend
+from signid.diagnose.data.rows import Group, tolerance
+from signid.diagnose.extend import extend
 from signid.diagnose.findings.findings import tell_apart
-from signid.diagnose.findings.thresholds import PLAUSIBLE_PROBABILITY
 from signid.diagnose.search.contributions import measure_contributions, residual_growth
 from signid.diagnose.search.stepwise import inertial_violations, prune
+from signid.diagnose.thresholds import PLAUSIBLE_PROBABILITY
 from signid.effects import EFFECTS
 from signid.model import Model, stated_inertials
 from signid.regression.base_parameters import build_base

@@ -13,7 +13,7 @@ from test_output_report_diagnosis import ROBOT, finding
 import signid
 from signid.diagnose import Finding
 from signid.diagnose.findings import findings
-from signid.diagnose.findings.held_out_prediction import rollout_warnings
+from signid.diagnose.findings.findings import rollout_warnings
 from signid.effects.naming import parse_law
 from signid.simulation.rollout import RollOut
 

@@ -10,10 +10,10 @@ from arm import arm, smooth_motion
 from numpy.testing import assert_allclose
 from test_diagnose_noise import RATE, table, waves
 
-from signid.diagnose.data.column_groups import Group, tolerance
 from signid.diagnose.data.hypotheses import Hypothesis, finite
 from signid.diagnose.data.noise import measure_noise
-from signid.diagnose.extend.extend import has_possible_numbers, move_bodies
+from signid.diagnose.data.rows import Group, tolerance
+from signid.diagnose.extend import has_possible_numbers, move_bodies
 from signid.effects import EFFECTS
 from signid.effects.base import Trial
 from signid.effects.bodies import body_inertia

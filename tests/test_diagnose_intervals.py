@@ -12,10 +12,10 @@ from diagnosis_rows import NOISE, Question, law, pose
 from scipy.stats import t as student
 
 from signid.diagnose.data.hypotheses import Hypothesis
-from signid.diagnose.extend.extend import read_laws
+from signid.diagnose.extend import read_laws
 from signid.diagnose.findings import intervals
 from signid.diagnose.findings.intervals import _by_key, _parts, standard_deviations
-from signid.diagnose.findings.thresholds import BLOCK_PERIODS, MAX_JACKKNIFE_PARTS
+from signid.diagnose.thresholds import BLOCK_PERIODS, MAX_JACKKNIFE_PARTS
 from signid.estimation.repeats import jackknife_variance
 from signid.parameters import TWO_SIDED
 from signid.types import Array

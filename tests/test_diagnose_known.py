@@ -10,15 +10,14 @@ from diagnosed import DRIVES, Posed, fault, named, posed, read, recorded, simula
 from random_rows import BODIES, DISPERSION, rows
 
 import signid
-from signid.diagnose.data.column_groups import Group, build_groups
-from signid.diagnose.data.thresholds import COVARIANCE_SCALES, INTERVAL_COVARIANCE_SCALES
-from signid.diagnose.data.whitened_rows import columns_of
+from signid.diagnose.data.dataset import columns_of
+from signid.diagnose.data.rows import Group, build_groups
 from signid.diagnose.evidence.bayes_factors import Evidence
 from signid.diagnose.evidence.prior import StatedPrior, stated_prior
-from signid.diagnose.extend.extend import read_laws
-from signid.diagnose.extend.holdout import predict
+from signid.diagnose.extend import predict, read_laws
 from signid.diagnose.findings.held_out_selection import ExtendedSimulation
 from signid.diagnose.findings.stated import stated_number_findings
+from signid.diagnose.thresholds import COVARIANCE_SCALES, INTERVAL_COVARIANCE_SCALES
 from signid.model import Model
 from signid.regression.base_parameters import base_covariance, build_base
 from signid.types import Law
@@ -115,7 +114,8 @@ def handed_out(question: Posed, level: float) -> ExtendedSimulation:
 def test_a_wrong_stated_parameter_is_named_with_both_values() -> None:
     question = posed("1r", fault("coulomb_friction", 1, level=MORE))
     extended = handed_out(question, STATED + MORE)
-    (found,) = stated_number_findings(question.dataset, question.session, question.found(), extended)
+    before = predict(question.session, question.dataset.model)
+    (found,) = stated_number_findings(question.dataset, before, question.found(), extended)
     assert (found.law.effect.name, found.law.joints, found.role) == ("coulomb_friction", (0,), "cause")
     assert found.stated == {"level": STATED} and found.law.parameters == {"level": pytest.approx(STATED + MORE)}
     assert 0.2 < found.probability < 1 and found.torque_share[0] > 0.007
@@ -125,4 +125,5 @@ def test_a_wrong_stated_parameter_is_named_with_both_values() -> None:
 def test_correct_stated_parameters_are_not_named() -> None:
     question = posed("1r")
     extended = handed_out(question, STATED)
-    assert not list(stated_number_findings(question.dataset, question.session, question.found(), extended))
+    before = predict(question.session, question.dataset.model)
+    assert not list(stated_number_findings(question.dataset, before, question.found(), extended))

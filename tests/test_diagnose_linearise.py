@@ -51,7 +51,7 @@ def test_inertial_errors_within_tolerance_are_relinearised_too() -> None:
 @pytest.mark.slow
 def test_a_search_that_does_not_converge_is_flagged(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(TOGETHER, "_names", lambda _: object())
-    monkeypatch.setattr(TOGETHER, "RELINEARISATION_ROUNDS", 1)
+    monkeypatch.setattr(TOGETHER.tuned, "RELINEARISATION_ROUNDS", 1)
     found = signid.diagnose(simulation("3r"), read("3r", recorded("3r", LOAD, OTHERS[1])))
     assert DISAGREEMENT_FLAG in found.flags and off(found, OTHERS[1]) > 0.2
 

@@ -9,13 +9,11 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from signid.diagnose.data.column_groups import Group
 from signid.diagnose.data.hypotheses import hats
 from signid.diagnose.data.locate import find_wave, locate
-from signid.diagnose.data.noise import find_period, measure_noise, whiten
-from signid.diagnose.data.rows import RowTable, _holding_torque, _pushed
-from signid.diagnose.data.thresholds import MIN_MOVING_ROWS, REPLICATE_FACTOR, STATIC_OVER_DRY
-from signid.diagnose.data.whitening import weights
+from signid.diagnose.data.noise import find_period, measure_noise, weights, whiten
+from signid.diagnose.data.rows import Group, RowTable, _holding_torque, _pushed
+from signid.diagnose.thresholds import MIN_MOVING_ROWS, REPLICATE_FACTOR, STATIC_OVER_DRY
 from signid.types import Array
 
 RATE = 20.0  # Hz

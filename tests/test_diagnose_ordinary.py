@@ -8,7 +8,7 @@ from diagnosed import DRIVES, fault, look, read, recorded, simulation
 
 import signid
 from signid.diagnose import Diagnosis
-from signid.diagnose.findings.ordinary import with_ordinary
+from signid.diagnose.findings.stated import with_ordinary
 from signid.effects import EFFECTS
 from signid.output.report.results.diagnosis import diagnosis_document
 from signid.output.report.results.sentences import ordinary_words, verdict_words

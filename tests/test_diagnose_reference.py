@@ -12,8 +12,8 @@ from diagnosis_rows import NOISE, Question, law, moved, names, pose
 
 import signid
 from signid.diagnose import run
-from signid.diagnose.data.thresholds import MODEL_ERROR, NOISE_ERROR
 from signid.diagnose.search.iterate import _Conditions, _expected, _search
+from signid.diagnose.thresholds import MODEL_ERROR, NOISE_ERROR
 from signid.effects.law import law_torque
 from signid.model import Model, stated_inertials
 from signid.types import Law, Recording

@@ -8,7 +8,7 @@ import pytest
 
 import signid
 from signid.diagnose.data.hypotheses import propose
-from signid.diagnose.extend.extend import extended_laws
+from signid.diagnose.extend import extended_laws
 from signid.effects import EFFECTS
 from signid.model import Model, load_model
 from signid.regression.motion import Motion

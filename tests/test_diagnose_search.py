@@ -9,14 +9,6 @@ import numpy as np
 import pytest
 from diagnosis_rows import Question, law, names, pose
 
-from signid.diagnose.data.thresholds import (
-    FIRST_LOG_ODDS,
-    IMITATED_LOG_ODDS,
-    MIN_LAW_TORQUE_SHARE,
-    NEXT_LOG_ODDS,
-    SHAPE_ERROR,
-    UNTRUSTED_LOG_ODDS,
-)
 from signid.diagnose.search.contributions import measure_contributions, residual_growth
 from signid.diagnose.search.stepwise import (
     inertial_violations,
@@ -28,6 +20,14 @@ from signid.diagnose.search.stepwise import (
     present_laws,
     required_log_odds,
     stepwise_search,
+)
+from signid.diagnose.thresholds import (
+    FIRST_LOG_ODDS,
+    IMITATED_LOG_ODDS,
+    MIN_LAW_TORQUE_SHARE,
+    NEXT_LOG_ODDS,
+    SHAPE_ERROR,
+    UNTRUSTED_LOG_ODDS,
 )
 from signid.types import Law
 

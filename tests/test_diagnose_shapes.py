@@ -7,11 +7,11 @@ import pytest
 from diagnosis_rows import RATE, Question, law, moved, pose
 
 from signid.diagnose.data.hypotheses import Hypothesis
-from signid.diagnose.data.thresholds import SHAPE_FACTOR, WINDOW_REACH
 from signid.diagnose.evidence.selection import Selection
-from signid.diagnose.search import shape_optimisation
-from signid.diagnose.search.shape_optimisation import _options, _stepped, optimise_shapes
+from signid.diagnose.search import shapes as shape_optimisation
+from signid.diagnose.search.shapes import _options, _stepped, optimise_shapes
 from signid.diagnose.search.stepwise import initial_selection
+from signid.diagnose.thresholds import SHAPE_FACTOR, WINDOW_REACH
 from signid.types import Law
 
 CONTACT = law("external_contact", 0, 1, 2, start=3.03, end=4.41, force_x=2.0, force_y=-1.0, force_z=3.0)

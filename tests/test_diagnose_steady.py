@@ -8,16 +8,16 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from signid.diagnose.data.column_groups import Group
+from signid.diagnose.data.dataset import solve
 from signid.diagnose.data.noise import _damped
-from signid.diagnose.data.thresholds import MAX_AR_ROOT
-from signid.diagnose.data.whitened_rows import solve
-from signid.diagnose.extend.holdout import ResidualRows
+from signid.diagnose.data.rows import Group
+from signid.diagnose.extend import ResidualRows
 from signid.diagnose.findings.alternatives import Contender
 from signid.diagnose.findings.findings import _is_vague, _with_held_out
 from signid.diagnose.findings.held_out_selection import Extension, _pruned, error_change
 from signid.diagnose.search.contributions import steadiness
-from signid.diagnose.search.shape_optimisation import _minimised
+from signid.diagnose.search.shapes import _minimised
+from signid.diagnose.thresholds import MAX_AR_ROOT
 from signid.effects import EFFECTS
 from signid.types import Array, Law
 

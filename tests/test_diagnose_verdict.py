@@ -18,10 +18,10 @@ from signid.diagnose.findings.alternatives import (
     replace_weak,
     residual_energies,
 )
-from signid.diagnose.findings.thresholds import FORMULA_ERROR, MAX_IN_STEP_LOG_ODDS, MIN_CAUSE_SHARE
 from signid.diagnose.findings.verdict import Verdict, _drifts_first, decide_verdict
 from signid.diagnose.search.contributions import measure_contributions
 from signid.diagnose.search.stepwise import stepwise_search
+from signid.diagnose.thresholds import FORMULA_ERROR, MAX_IN_STEP_LOG_ODDS, MIN_CAUSE_SHARE
 
 LIBRARY = (law("viscous_friction"), law("coulomb_friction"), law("spring"), law("quadratic_friction"))
 VISCOUS, SPRING = law("viscous_friction", coefficient=0.3), law("spring", stiffness=1.5, rest=0.2)

@@ -11,7 +11,7 @@ import pytest
 
 import signid
 from signid.diagnose.data import motions
-from signid.diagnose.data.whitened_rows import solve
+from signid.diagnose.data.dataset import solve
 from signid.errors import InputError
 from signid.faults.evidence import Amount, amount_fault
 from signid.model import Model, stated_inertials

@@ -17,12 +17,12 @@ from scipy.special import logsumexp, stdtr
 from scipy.stats import multivariate_normal, norm
 
 from signid.diagnose.data.hypotheses import Hypothesis
-from signid.diagnose.data.thresholds import EFFECT_SIZES
-from signid.diagnose.data.whitening import project
+from signid.diagnose.data.noise import project
 from signid.diagnose.evidence.bayes_factors import log_bayes_factor, stack_priors
 from signid.diagnose.evidence.prior import CoefficientPrior, coefficient_prior, log_prior
 from signid.diagnose.search.contributions import steadiness
 from signid.diagnose.search.iterate import _expected
+from signid.diagnose.thresholds import EFFECT_SIZES
 from signid.effects import EFFECTS, LISTED_LAWS
 from signid.servo.diagnose import search as servo_search
 from signid.servo.fit import normal as normal_module

@@ -11,7 +11,7 @@ from test_output_report_diagnosis import AFTER, APART, BEFORE, FINDINGS, FLAG, F
 from test_signs_page import Page, figures, values
 
 from signid.diagnose import Diagnosis
-from signid.diagnose.findings.thresholds import AMBIGUOUS_WORDS
+from signid.diagnose.thresholds import AMBIGUOUS_WORDS
 from signid.output.report.results.diagnosis import diagnosis_page, diagnosis_tables
 
 

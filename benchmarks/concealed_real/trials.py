@@ -50,16 +50,16 @@ class Constant:
 
 
 TABLE = (
-    Constant("MISFIT_GROWTH", "data.thresholds", BESIDE_MISFIT, (1.5, 3.0)),
-    Constant("FIRST_LOG_ODDS", "data.thresholds", SEARCH, (3.0, 6.0)),
-    Constant("NEXT_LOG_ODDS", "data.thresholds", SEARCH, (2.0, 5.0)),
-    Constant("NOISE_ERROR", "data.thresholds", SEARCH, (1.0, 1.8)),
-    Constant("MIN_CAUSE_SHARE", "findings.thresholds", CONCLUSION, (0.07, 0.3)),
-    Constant("REPLACEMENT_RATIO", "findings.thresholds", CONCLUSION, (1.1, 2.5)),
-    Constant("WORSE_WEIGHT", "findings.thresholds", CONCLUSION, (1.0, 6.0)),
-    Constant("MIN_REFIT_GAIN", "findings.thresholds", CONCLUSION, (0.5, 2.0)),
-    Constant("EQUAL_PREDICTION_GAIN", "findings.thresholds", CONCLUSION, (0.05, 0.2)),
-    Constant("CHANGED_PROBABILITY", "findings.thresholds", CONCLUSION, (0.3, 0.7)),
+    Constant("MISFIT_GROWTH", "thresholds", BESIDE_MISFIT, (1.5, 3.0)),
+    Constant("FIRST_LOG_ODDS", "thresholds", SEARCH, (3.0, 6.0)),
+    Constant("NEXT_LOG_ODDS", "thresholds", SEARCH, (2.0, 5.0)),
+    Constant("NOISE_ERROR", "thresholds", SEARCH, (1.0, 1.8)),
+    Constant("MIN_CAUSE_SHARE", "thresholds", CONCLUSION, (0.07, 0.3)),
+    Constant("REPLACEMENT_RATIO", "thresholds", CONCLUSION, (1.1, 2.5)),
+    Constant("WORSE_WEIGHT", "thresholds", CONCLUSION, (1.0, 6.0)),
+    Constant("MIN_REFIT_GAIN", "thresholds", CONCLUSION, (0.5, 2.0)),
+    Constant("EQUAL_PREDICTION_GAIN", "thresholds", CONCLUSION, (0.05, 0.2)),
+    Constant("CHANGED_PROBABILITY", "thresholds", CONCLUSION, (0.3, 0.7)),
 )
 CONSTANTS = {one.name: one for one in TABLE}
 

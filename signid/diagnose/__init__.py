@@ -10,7 +10,7 @@ evaluated on held-out recordings. Its `flags` name the results that are unreliab
 
 Data flow, in the order of `run`:
 
-- `preparation`: session, recording faults and dataset;
+- `run`: session, recording faults and dataset;
 - `data`: rows of all hypotheses, their noise and its whitening;
 - `evidence`: normal equations, likelihood, prior, Bayes factors and posterior odds;
 - `search`: selected laws, by stepwise search, shape optimisation, relinearisation and pruning;

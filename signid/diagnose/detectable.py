@@ -18,13 +18,13 @@ from scipy.special import logsumexp, ndtri
 from ..effects.base import RecordingLaw
 from ..effects.naming import law_place
 from ..types import Array, Law, Robot
-from .data.column_groups import Group
 from .data.hypotheses import Key
-from .data.thresholds import FIRST_LOG_ODDS, MIN_LAW_TORQUE_SHARE, NEXT_LOG_ODDS, PRIOR_NOTHING, RECORDING_LIMITS
+from .data.rows import Group
 from .evidence.bayes_factors import StackedPriors, log_bayes_factor
 from .evidence.selection import Selection
 from .result import Detectable
 from .search.stepwise import inflated_dispersion, is_applicable, present_laws, required_log_odds
+from .thresholds import FIRST_LOG_ODDS, MIN_LAW_TORQUE_SHARE, NEXT_LOG_ODDS, PRIOR_NOTHING, RECORDING_LIMITS
 
 NAMING_PROBABILITY = 0.9  # probability with which a law of the smallest size is named [1]
 SHORTFALL_DEVIATIONS = float(ndtri(NAMING_PROBABILITY))  # standard deviations by which it then appears smaller [1]
@@ -52,7 +52,13 @@ def detectable(selection: Selection, robot: Robot) -> tuple[Detectable, ...]:
     taken = {key for group in selected for key in group.claim.names}
     for batch, *own in zip(evidence.batches, *squares, strict=True):
         every = [evidence.data.groups[g] for g in batch.groups]
-        usable = [_has_size(g) and is_applicable(g, present) and g.claim.key not in taken for g in every]
+        usable = [
+            is_applicable(g, present)
+            and g.claim.key not in taken
+            and not (g.claim.finite or g.claim.scaled)  # its columns are derivatives
+            and bool(g.claim.laws[0].effect.linear())
+            for g in every
+        ]
         which = np.flatnonzero(usable)
         if not len(which):
             continue
@@ -81,12 +87,6 @@ def measure_power(priors: StackedPriors, own: Array, whole: Array, direction: Ar
     factors = np.array([log_bayes_factor(priors, a, z) for a, z in zip(own, right, strict=True)])
     scale = logsumexp(beside, axis=0)
     return Power(sizes, logsumexp(beside + factors, axis=0) - scale, np.exp(beside[0] - scale), std.min(axis=0))
-
-
-def _has_size(group: Group) -> bool:
-    """Whether a hypothesis is one law with coefficients, whose columns are derivatives."""
-    claim = group.claim
-    return len(claim.laws) == 1 and not claim.finite and not claim.scaled and bool(claim.laws[0].effect.linear())
 
 
 def _direction(law: Law) -> Array:

@@ -24,31 +24,34 @@ from ..simulation.rollout import RollOut, roll_out
 from ..simulation.rollout.run import restrict_joints
 from ..typed import typed
 from ..types import Array, Law, Progress, Recording
-from .data.column_groups import build_groups, dry_friction
-from .data.dataset import Dataset
+from .data.dataset import Dataset, Whitened, whitened
 from .data.estimated_gains import with_estimated_gains
 from .data.hypotheses import GRAVITY_EFFECT, VARIABLE_NAMES, is_transient, pooled, propose
 from .data.locate import locate
 from .data.motions import pieces, row_filter, subsample
 from .data.noise import find_period, measure_noise, noise_of_misfit
-from .data.rows import build_table
-from .data.thresholds import FIRST_LOG_ODDS
-from .data.whitened_rows import Whitened, whitened
+from .data.rows import build_groups, build_table, dry_friction
 from .detectable import detectable
 from .evidence.bayes_factors import Evidence
 from .evidence.prior import stated_prior
 from .evidence.selection import Posterior, Selection, StatedBodies
-from .extend.holdout import Comparison, Prediction, compare, predict
+from .extend import Comparison, Prediction, compare, predict
 from .findings.alternatives import limit_in_step, replace_weak
-from .findings.findings import Conclusions, conclude
-from .findings.held_out_prediction import add_empirical_torque, holdout_warnings, keep_given_if_worse, rollout_warnings
-from .findings.ordinary import impossible, pinned, with_ordinary, without
-from .findings.stated import MAX_LOG_ODDS, torque_share
+from .findings.findings import (
+    Conclusions,
+    add_empirical_torque,
+    conclude,
+    holdout_warnings,
+    keep_given_if_worse,
+    rollout_warnings,
+)
+from .findings.stated import MAX_LOG_ODDS, impossible, pinned, torque_share, with_ordinary, without
 from .findings.verdict import decide_verdict
 from .result import Diagnosis, Finding
-from .search.contact_window import CONTACT_EFFECT as CONTACT
 from .search.iterate import SearchResult, select
+from .search.shapes import CONTACT_EFFECT as CONTACT
 from .search.stepwise import LAW_SEARCH, prune
+from .thresholds import FIRST_LOG_ODDS
 
 HORIZON = 0.5  # length of the roll-outs [s]
 NOTHING_MISSING, UNDECIDED = "nothing_missing", "undecided"  # verdicts
@@ -96,7 +99,10 @@ def diagnose(
         OptionError: an excluded effect does not exist, or an option is unknown.
         RecordingError: a recording cannot be used; the message says which and why.
     """
-    model, recordings, held_out, reference = _given(model, recordings, held_out, reference)
+    model = torque_model(as_model(model, "diagnose"))
+    recordings, held_out, reference = (
+        as_recordings(given, model.robot, "diagnose") for given in (recordings, held_out, reference)
+    )
     model, described = audited(model)
     _check(recordings, reference, skip)
     show, options = progress or _no_progress, replace(options or Options(), effects=())
@@ -113,7 +119,7 @@ def diagnose(
         lacked = any(finding.role == "cause" for finding in itself.result.findings)
         answer = itself if lacked else answer
     result, comparison, session, faults = answer.result, answer.comparison, mounting.session, mounting.faults
-    question = _question(lacked, result.verdict) if known else _Question()
+    answered = (_question_note(lacked, result.verdict),) if known else ()
     rolled = _roll_out(session, given, result.prediction.model, show)
     return Diagnosis(
         robot=session.robot,
@@ -132,19 +138,21 @@ def diagnose(
         flags=(
             *described.before(),
             *unscaled,
-            *_flags(recovered, faults),
+            *dict.fromkeys(flag for recording in recovered.session.recordings for flag in recording.flags),
+            *recovered.flags,
+            *faults.flags,
             *answer.flags,
             *result.flags,
             *holdout_warnings(*comparison[:2]),
             *rollout_warnings(*rolled[:2]),
         ),
-        notes=(*described.notes, *recovered.notes, *notes, *session.notes, *faults.notes, *question.notes, *rolled[2]),
+        notes=(*described.notes, *recovered.notes, *notes, *session.notes, *faults.notes, *answered, *rolled[2]),
         cutoff=session.task.band.cutoff,
         seed=options.seed,
         recordings=recovered.session.recordings,
         informed=answer.selection.evidence.informed,
         detectable=detectable(answer.selection, session.robot) if seconds_left() > 0 else (),
-        question=question.name,
+        question=("lacked" if lacked else "changed") if known else "",
     )
 
 
@@ -184,29 +192,15 @@ def _answer(
     return _Answer(result, comparison, selection, disagreement)
 
 
-class _Question(NamedTuple):
-    """Question that the diagnosis of an identified model answers; empty for a description."""
-
-    name: str = ""  # "changed" or "lacked"
-    notes: tuple[str, ...] = ()
-
-
-def _question(lacked: bool, verdict: str) -> _Question:
-    """Question that was answered at last: what has changed, or, where that is nothing, what the model lacked before."""
+def _question_note(lacked: bool, verdict: str) -> str:
+    """Answer on an identified model: what has changed, or, where that is nothing, what it lacked before."""
     nothing = "nothing has changed since the model was identified"
     if lacked:
-        return _Question("lacked", (f"{nothing}; what is found it lacked from the start",))
-    left = "what its laws left of the torque then"
+        return f"{nothing}; what is found it lacked from the start"
+    beyond = "beyond what its laws left of the torque then"
     if verdict == NOTHING_MISSING:
-        return _Question("changed", (f"{nothing}, beyond {left}",))
-    return _Question("changed", (f"what is found has changed since the model was identified: it is beyond {left}",))
-
-
-def _given(model: ModelSource, *some: Recordings) -> tuple[Model, list[Recording], list[Recording], list[Recording]]:
-    """Model and recordings as they are given to the verb, read where they are paths."""
-    loaded = torque_model(as_model(model, "diagnose"))
-    recordings, held_out, reference = (as_recordings(each, loaded.robot, "diagnose") for each in some)
-    return loaded, recordings, held_out, reference
+        return f"{nothing}, {beyond}"
+    return f"what is found has changed since the model was identified: it is {beyond}"
 
 
 def _recover(
@@ -244,12 +238,6 @@ def _search(
         result = select(dataset, posterior, skip, healthy)
     progress("evaluating", 0.7)
     return result
-
-
-def _flags(given: Recovered, faults: RecordingFaults) -> tuple[str, ...]:
-    """Warnings on the recordings: uncertain columns, uncertain signs, recording faults."""
-    columns = dict.fromkeys(flag for one in given.session.recordings for flag in one.flags)
-    return (*columns, *given.flags, *faults.flags)
 
 
 def _no_progress(what: str, share: float) -> None:
@@ -313,13 +301,17 @@ def prepare_session(
     session = subsample(session)
     show("looking for recording faults", 0.1)
     faults = examine(model, session)
-    if broken := [one for one in faults.findings if one.kind in SAMPLE_KINDS and one.severity == REFUSE]:
+    if broken := [fault for fault in faults.findings if fault.kind in SAMPLE_KINDS and fault.severity == REFUSE]:
         raise RecordingError(broken[0].sentence)
-    if any(one.kind == SHORT_FAULT and one.measures["rows"] >= MIN_JOINT_ROWS for one in faults.findings):
+    if any(x.kind == SHORT_FAULT and x.measures["rows"] >= MIN_JOINT_ROWS for x in faults.findings):
         faults = replace(faults, findings=tuple(f for f in faults.findings if f.kind == SHORT_FAULT or _is_clear(f)))
     elif faults.refusal:
         raise RecordingError(faults.refusal)
-    return _with_held_out(model, session), faults
+    thin = row_filter(session.task)
+    if sum(len(thin.at(p.motion.t)) for p in pieces(session.task, model, session.held_out)) < MIN_JOINT_ROWS:
+        note = "too short to hold rows out: held-out figures are those of the training rows, so optimistic"
+        session = replace(session, held_out=session.train, notes=(*session.notes, f"{note}; record for longer"))
+    return session, faults
 
 
 class Mounting(NamedTuple):
@@ -351,17 +343,6 @@ def _is_clear(fault: RecordingFault) -> bool:
     return fault.kind in CLEAR_KINDS and measured["agreement"] == 1 and measured["explained_after"] > CLEAR_FAULT_SHARE
 
 
-def _with_held_out(model: Model, session: Session) -> Session:
-    """Session with held-out rows; where recordings are too short, the training rows take their place, with a note."""
-    thin = row_filter(session.task)
-    if sum(len(thin.at(p.motion.t)) for p in pieces(session.task, model, session.held_out)) >= MIN_JOINT_ROWS:
-        return session
-    note = (
-        "too short to hold rows out: held-out figures are those of the training rows, so optimistic; record for longer"
-    )
-    return replace(session, held_out=session.train, notes=(*session.notes, note))
-
-
 def build_in_time(
     model: Model, session: Session, skip: Sequence[str], progress: Progress, free: Sequence[Law] = ()
 ) -> tuple[Dataset, Whitened]:
@@ -391,7 +372,7 @@ def build(
         )
     motion = pooled([p.motion for p in made])
     hypotheses = [] if skip is None else propose(model, motion, (*skip, CONTACT, GRAVITY_EFFECT))
-    hypotheses = [one for one in hypotheses if one.stated not in free]
+    hypotheses = [hypothesis for hypothesis in hypotheses if hypothesis.stated not in free]
     dry = dry_friction(model, made)
     table = build_table(task, model, build_groups(model, made[0].motion, hypotheses, dry, free), made, dry)
     periods = tuple(find_period(longest_piece(part).q, 1 / part[1].period) for part in parts)

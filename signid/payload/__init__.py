@@ -1,7 +1,6 @@
 """Load of the last link, as the feasible difference of recordings without and with it, or of parts of one recording."""
 
-from .carried import Load, carried, with_payload
 from .run import payload
-from .weigh import LoadMoment, Payload
+from .weigh import Load, LoadMoment, Payload, carried, with_payload
 
 __all__ = ["Load", "LoadMoment", "Payload", "carried", "payload", "with_payload"]

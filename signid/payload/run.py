@@ -100,7 +100,10 @@ def payload(
     sides = session.train[: len(without)], session.train[len(without) :]
     bare = _bare(model, session.robot)
     found = weigh(session, sides, _inputs((without, ROLES[0]), (carrying, ROLES[1])), progress)
-    return replace(found, flags=(*_fault_flags(bare, found, without, carrying), *found.flags), bare=bare)
+    loaded = replace(bare, laws=(*bare.laws, found.law))
+    pairs = ((bare, without), (loaded, carrying))
+    faults = dict.fromkeys(flag for known, side in pairs for flag in recording_flags(known, side))
+    return replace(found, flags=(*faults, *found.flags), bare=bare)
 
 
 def _bare(model: Model, moving: Robot) -> Model:
@@ -118,14 +121,6 @@ def _bare(model: Model, moving: Robot) -> Model:
             f"the recordings have no position of {lacking}, and the model moves all of its joints; give the description"
         )
     return load_model(moving)
-
-
-def _fault_flags(
-    bare: Model, found: Payload, without: Sequence[Recording], carrying: Sequence[Recording]
-) -> tuple[str, ...]:
-    """Recording faults of either side: of the given robot alone, and with the load that was found."""
-    sides = ((bare, without), (replace(bare, laws=(*bare.laws, found.law)), carrying))
-    return tuple(dict.fromkeys(flag for model, side in sides for flag in recording_flags(model, side)))
 
 
 def _inputs(*sides: tuple[Sequence[Recording], str]) -> tuple[Input, ...]:
@@ -174,7 +169,11 @@ def weigh_within(session: Session, inputs: tuple[Input, ...], progress: Progress
     start = time_origin(parts[0][0])
     if (reason := _refuted(change, session, start)) or change is None:
         return _nothing(session, inputs, reason)
-    moments = _moments(session, parts, change)
+    moments = tuple[LoadMoment, ...]()
+    for k, begins in ((change.low, True), (change.high, False)):
+        if 0 < k < len(change.pieces.start):
+            t, std = _refined(session, parts, change, k, begins)
+            moments = (*moments, LoadMoment(t, std, begins == (change.mass > 0)))  # picked up where mass begins
     sides = [
         tuple((recording, between(sampling, some)) for recording, sampling in parts)
         for some in _intervals(change, moments)
@@ -197,7 +196,11 @@ def _find(session: Session, parts: Sequence[Part]) -> _Change | None:
     prior = base.combination @ stated_parameters(task).values
     whole = estimate(replace(factors, sample=None), base, prior)
     body = own_body(session.robot, len(session.robot.joints) - 1)
-    columns, inertial = _load_columns(base.combination[:, len(INERTIAL) * body : len(INERTIAL) * (body + 1)])
+    columns = base.combination[:, len(INERTIAL) * body : len(INERTIAL) * (body + 1)]
+    size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    left, s, right = np.linalg.svd(columns / size, full_matrices=False)
+    kept = s > LOAD_RANK_TOLERANCE * s[0]
+    columns, inertial = left[:, kept] * s[kept], right[kept].T / size[:, None]  # independent ones, (10, r) of each
     friction, sizes = changes(base, whole, factors)
     pieces = cut(session, parts, piece_rows(session, parts))
     noise, inflated, low, high = whole.noise, 1.0, 0, 0
@@ -217,14 +220,6 @@ def _find(session: Session, parts: Sequence[Part]) -> _Change | None:
     )  # Schwarz, Annals of Statistics 6(2), 1978
     other = (joint, power) if power > full.power - penalty * inflated else None
     return _Change(pieces, known, noise, low, high, inflated, (full.power - bare.power) / inflated, mass, other)
-
-
-def _load_columns(columns: Array) -> tuple[Array, Array]:
-    """Independent columns (b, r) of a load, and the inertial parameters (10, r) of each."""
-    size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    left, s, right = np.linalg.svd(columns / size, full_matrices=False)
-    kept = s > LOAD_RANK_TOLERANCE * s[0]
-    return left[:, kept] * s[kept], right[kept].T / size[:, None]
 
 
 def _refuted(change: _Change | None, session: Session, start: float) -> str:
@@ -258,16 +253,6 @@ def _nothing(session: Session, inputs: tuple[Input, ...], reason: str) -> Payloa
         flags=(f"no load picked up: {reason}",),
         notes=session.notes,
     )
-
-
-def _moments(session: Session, parts: Sequence[Part], change: _Change) -> tuple[LoadMoment, ...]:
-    """Moments with their standard deviations; the load is picked up where mass begins."""
-    last, found = len(change.pieces.start), []
-    for k, begins in ((change.low, True), (change.high, False)):
-        if 0 < k < last:
-            t, std = _refined(session, parts, change, k, begins)
-            found.append(LoadMoment(t, std, begins == (change.mass > 0)))
-    return tuple(found)
 
 
 def _refined(session: Session, parts: Sequence[Part], change: _Change, k: int, begins: bool) -> tuple[float, float]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..diagnose.data.motions import pieces, row_filter
-from ..diagnose.extend.holdout import filtered
+from ..diagnose.extend import filtered
 from ..effects import EFFECT_NAMES
 from ..errors import InputError, OptionError, RecordingError, shorten
 from ..estimation.fit_quality import MIN_R2, Fit, fit_rows
@@ -74,19 +74,24 @@ def validate(
     sessions = _sessions(candidates, options)
     validated, faults, notes = list[ValidatedModel](), list[RecordingFaults](), [*constants]
     flags = [*unscaled, *joint_flags(candidates, same_joints(given)), *constant_flags(candidates)]
-    for k, one in enumerate(candidates):
+    for k, candidate in enumerate(candidates):
         if progress is not None:
-            progress(f"validating {one.name}", k / len(candidates))
-        session = sessions[one.model.robot.joints]
-        faults.append(examine(one.model, session, NO_EXCITATION))
-        model, lost = _validated(one, session)
-        simulated, failures, remarks = _simulated(session, one, candidates, horizon) if rollout else (None, [], [])
-        validated.append(_with(model, simulated))
+            progress(f"validating {candidate.name}", k / len(candidates))
+        session = sessions[candidate.model.robot.joints]
+        faults.append(examine(candidate.model, session, NO_EXCITATION))
+        model, lost = _validated(candidate, session)
+        simulated, failures, remarks = (
+            _simulated(session, candidate, candidates, horizon) if rollout else (None, [], [])
+        )
+        if simulated is None or isinstance(simulated, RollOut):
+            validated.append(replace(model, rollout=simulated))
+        else:
+            validated.append(replace(model, whole=simulated))
         if lost:
-            has = f"{one.name} predicts a torque of {shorten(lost)} that is not finite, so it has no rms"
+            has = f"{candidate.name} predicts a torque of {shorten(lost)} that is not finite, so it has no rms"
             flags.append(f"{has}; correct the numbers of the model")
         flags += failures
-        notes += [*one.notes, *session.notes, *faults[-1].notes, *remarks, *row_notes(model, lost)]
+        notes += [*candidate.notes, *session.notes, *faults[-1].notes, *remarks, *row_notes(model, lost)]
     band = sessions[candidates[0].model.robot.joints].task.band
     return Validation(
         models=tuple(validated),
@@ -168,9 +173,10 @@ def _sessions(candidates: Sequence[ModelCandidate], options: Options) -> dict[tu
     """Recordings over the joints of each model; one band for all."""
 
     def made(options: Options) -> dict[tuple[str, ...], Session]:
-        first = {one.model.robot.joints: one for one in reversed(candidates)}
+        first = {candidate.model.robot.joints: candidate for candidate in reversed(candidates)}
         return {
-            joints: prepare(one.model.robot, one.recordings, one.recordings, options) for joints, one in first.items()
+            joints: prepare(candidate.model.robot, candidate.recordings, candidate.recordings, options)
+            for joints, candidate in first.items()
         }
 
     sessions = made(options)
@@ -180,7 +186,7 @@ def _sessions(candidates: Sequence[ModelCandidate], options: Options) -> dict[tu
 
 
 def _simulated(
-    session: Session, one: ModelCandidate, candidates: Sequence[ModelCandidate], horizon: float | str
+    session: Session, candidate: ModelCandidate, candidates: Sequence[ModelCandidate], horizon: float | str
 ) -> tuple[RollOut | WholeRollOut | None, list[str], list[str]]:
     """Simulations, flags and notes; windows leave room for the laws of all models, so that all have the same."""
     laws = tuple(law for other in candidates for law in other.model.laws)
@@ -188,27 +194,23 @@ def _simulated(
         if isinstance(horizon, str):
             from ..simulation.rollout.whole import roll_out_whole  # compiled code, needed only here
 
-            run = roll_out_whole(one.model, one.recordings)
-            return run, [], list(whole_notes(one.name, run))
-        found = roll_out(one.model, session, (horizon,), beside=replace(one.model, laws=laws))
+            run = roll_out_whole(candidate.model, candidate.recordings)
+            return run, [], list(whole_notes(candidate.name, run))
+        found = roll_out(candidate.model, session, (horizon,), beside=replace(candidate.model, laws=laws))
     except RecordingError as error:
         return None, [], [f"no roll-out was made: {error}"]
     except InputError as error:
-        return None, [f"{one.name} cannot be simulated: {error}"], []
-    return found, [], list(rollout_notes(one.name, found, horizon))
+        return None, [f"{candidate.name} cannot be simulated: {error}"], []
+    return found, [], list(rollout_notes(candidate.name, found, horizon))
 
 
-def _with(model: ValidatedModel, found: RollOut | WholeRollOut | None) -> ValidatedModel:
-    return replace(model, rollout=found) if found is None or isinstance(found, RollOut) else replace(model, whole=found)
-
-
-def _validated(one: ModelCandidate, session: Session) -> tuple[ValidatedModel, tuple[str, ...]]:
+def _validated(candidate: ModelCandidate, session: Session) -> tuple[ValidatedModel, tuple[str, ...]]:
     """A model on all recordings, and the joints whose predicted torque is not finite: these have no residual.
 
     Rows are computed piece by piece: memory grows with their rate, twice the cut-off, not with the sampling rate. The
     choice of valid rows does not depend on the model.
     """
-    model, band, found = one.model, session.task.band, []
+    model, band, found = candidate.model, session.task.band, []
     thin, finite = row_filter(session.task), np.ones(len(model.robot.joints), dtype=bool)
     with np.errstate(all="ignore"):
         for k, piece in enumerate(pieces(session.task, model, session.held_out)):
@@ -226,7 +228,7 @@ def _validated(one: ModelCandidate, session: Session) -> tuple[ValidatedModel, t
     measured = np.any([[bool(column) for column in r.columns["tau"]] for r, _ in session.held_out], axis=0)
     lost = tuple(model.robot.joints[j] for j in np.flatnonzero(measured & ~finite))
     fit = fit_rows(model.robot, residual, torque, band.torque_floor)
-    return ValidatedModel(one.name, model, fit, None, recording, stretch, t, torque, residual), lost
+    return ValidatedModel(candidate.name, model, fit, None, recording, stretch, t, torque, residual), lost
 
 
 def named_models(
@@ -250,27 +252,27 @@ def named_models(
 
 def joint_flags(candidates: Sequence[ModelCandidate], recorded: Sequence[str]) -> Iterator[str]:
     """A sentence on each model that does not move all joints that the recordings move."""
-    for one in candidates:
-        if lacking := [joint for joint in recorded if joint not in one.model.robot.joints]:
+    for candidate in candidates:
+        if lacking := [joint for joint in recorded if joint not in candidate.model.robot.joints]:
             yield (
-                f"{one.name} lacks or holds {shorten(lacking)}, which the recordings move: its results are those of a "
-                f"robot at rest there; give a model of all recorded joints"
+                f"{candidate.name} lacks or holds {shorten(lacking)}, which the recordings move: its results are those "
+                f"of a robot at rest there; give a model of all recorded joints"
             )
 
 
 def constant_flags(candidates: Sequence[ModelCandidate]) -> Iterator[str]:
     """A sentence on each model whose torque constants differ from those that converted the recorded currents."""
-    for one in candidates:
-        stated = np.abs(one.model.robot.actuators.torque_constant)
-        for recording in one.recordings:
+    for candidate in candidates:
+        stated = np.abs(candidate.model.robot.actuators.torque_constant)
+        for recording in candidate.recordings:
             used = recording.torque_per_unit
             other = (used != 1) & np.isfinite(stated) & ~np.isclose(stated, np.abs(used), rtol=1e-6)
             if other.any():
                 names = [recording.joints[j] for j in np.flatnonzero(other)]
                 yield (
-                    f"{one.name} states another torque constant of {shorten(names)} than the one that converted the "
-                    f"current in {recording.path or 'the recording'}: its residual contains the difference; state the "
-                    f"same constants for all models"
+                    f"{candidate.name} states another torque constant of {shorten(names)} than the one that converted "
+                    f"the current in {recording.path or 'the recording'}: its residual contains the difference; state "
+                    f"the same constants for all models"
                 )
                 break
 
@@ -286,11 +288,11 @@ def fault_flags(names: Sequence[str], faults: Sequence[RecordingFaults]) -> Iter
         yield sentence if len(by) == len(names) else f"found with {shorten(by)}: {sentence}"
 
 
-def row_notes(one: ValidatedModel, lost: Sequence[str]) -> Iterator[str]:
+def row_notes(validated: ValidatedModel, lost: Sequence[str]) -> Iterator[str]:
     """A sentence on each joint whose torque is poorly predicted, or that has no rows for another reason than `lost`."""
-    fit = one.fit
+    fit = validated.fit
     if poor := [f"{joint} (R2 {r2:.2f})" for joint, r2 in zip(fit.joints, fit.held_out_r2, strict=True) if r2 < MIN_R2]:
-        yield f"{one.name} predicts little of the torque of {shorten(poor)}"
+        yield f"{validated.name} predicts little of the torque of {shorten(poor)}"
     for joint, rms in zip(fit.joints, fit.held_out_rms, strict=True):
         if np.isnan(rms) and joint not in lost:
             yield f"{joint} has no rows: its torque is not recorded, or it always stands still"

@@ -1,8 +1,8 @@
 """Watch a robot at work: contacts and lasting changes, from its model and a stream of positions and torques.
 
-The momentum observer (`momentum`, `observer`, `contacts`) runs on blocks of a few milliseconds (`intake`, `blocks`),
-the search for lasting changes (`changes`, `windows`) on frames of 20 ms (`frames`). Thresholds (`thresholds`) follow
-from the model, its covariance and misfit, and from a quiet first stretch (`quiet`).
+The momentum observer (`observer`) runs on blocks of a few milliseconds (`intake`), the search for lasting changes
+(`changes`) on frames of 20 ms. Thresholds follow from the model, its covariance and misfit, and from a quiet first
+stretch (`quiet`).
 """
 
 from .intake import Contact, Event, LastingChange, Note

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from ..effects import EFFECTS
-from ..effects.bodies import point_inertia
+from ..effects.bodies import INERTIA, point_inertia
 from ..model import Model
 from ..types import Array
-from .frames import JOINT_COLUMNS, LINK_COLUMNS, PAYLOAD_COLUMNS, Frames
 from .intake import LastingChange
+from .observer import FRAME_COLUMNS, JOINT_COLUMNS, LINK_COLUMNS, PAYLOAD_COLUMNS, Frames
 from .quiet import QuietNoise
-from .windows import FRICTION_PAIR, TIP_JOINT, Sums, Suspect, Window, effect, gain, products
 
 WINDOW_DURATIONS = (4.0, 60.0)  # [s] of the windows: sudden changes, and slow ones
 TEST_INTERVAL = 0.5  # [s] between tests
@@ -32,6 +32,10 @@ MIN_ACTING_PIECES = 3  # pieces that a law acts in
 MIN_LISTED_PROBABILITY = 1e-3  # [1] smallest probability of an alternative
 UNKNOWN_CHANGE_RATIO = 2.0  # [1] squared residual of a piece with an unknown change, over that of noise and model
 MIN_UNKNOWN_PIECES_SHARE = 0.8  # [1] share of such pieces that make the unknown change a lasting one
+FRICTION_PAIR = (0, 1)  # of JOINT_COLUMNS: viscous and Coulomb friction, which grow together when it gets cold or dry
+TIP_JOINT = -1  # joint of the payload
+PAYLOAD_ROUNDS = 4  # of the inertia of a payload
+FRICTION_EIGENVALUE_RATIO, PAYLOAD_EIGENVALUE_RATIO = 1e-3, 1e-9  # [1] smallest over largest, of normal equations
 
 
 class Changes:
@@ -76,7 +80,7 @@ class Changes:
             return self._correct(float(frames.t[-1]))
         if self.after is not None:
             return self._name(float(frames.t[-1]))
-        if any(_noticed(one) for window in self.windows for one in window.candidates(self.noise)):
+        if any(_noticed(suspect) for window in self.windows for suspect in window.candidates(self.noise)):
             self._begin()
             self.restarts, self.noticed = 0, float(frames.t[-1])
         return []
@@ -104,19 +108,21 @@ class Changes:
         assert self.after is not None, "a change was noticed"
         if self.since < MIN_NAMING_TIME:
             return []
-        found = self.after.candidates(self.noise)
-        shares = _probabilities(found)
-        for k, best in enumerate(found[:2]):
-            if _noticed(best) and self._clear(best, _share(best, found, shares)) and self._lasts(best):
-                events = self._named(t, k, found, shares)
+        suspects = self.after.candidates(self.noise)
+        scores = np.array([candidate.score for candidate in suspects])
+        weight = np.exp(scores - scores.max(initial=-np.inf))
+        shares = (weight / weight.sum()).tolist()  # posterior probabilities with equal priors
+        for k, best in enumerate(suspects[:2]):
+            if _noticed(best) and self._clear(best, _share(best, suspects, shares)) and self._lasts(best):
+                events = self._named(t, k, suspects, shares)
                 self._add(best)
                 self._begin()
                 self.first_named = best, events[0]
                 return events
-        if self.since >= GIVE_UP_TIME and not any(map(_noticed, found)):
+        if self.since >= GIVE_UP_TIME and not any(map(_noticed, suspects)):
             self._forget()
         elif self.since >= MAX_NAMING_TIME:
-            return self._unknown(t, found, shares)
+            return self._unknown(t, suspects, shares)
         return []
 
     def _clear(self, best: Suspect, share: float) -> bool:
@@ -172,11 +178,11 @@ class Changes:
     def std(self, frames: Frames) -> Array:
         """Standard deviation (n,) of the torque of the changes that are known, at the last frame [N.m or N]."""
         variance = np.zeros(len(self.noise.frame))
-        for one in self.known:
-            c = list(one.columns[: len(one.covariance)])
-            at = slice(None) if one.joint == TIP_JOINT else slice(one.joint, one.joint + 1)
+        for suspect in self.known:
+            c = list(suspect.columns[: len(suspect.covariance)])
+            at = slice(None) if suspect.joint == TIP_JOINT else slice(suspect.joint, suspect.joint + 1)
             columns = frames.columns[-1, at][:, c]
-            variance[at] += np.einsum("nk,kl,nl->n", columns, one.covariance, columns)
+            variance[at] += np.einsum("nk,kl,nl->n", columns, suspect.covariance, columns)
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
     def _forget(self) -> None:
@@ -184,7 +190,7 @@ class Changes:
         for window in self.windows:
             window.restart()
 
-    def _unknown(self, t: float, found: list[Suspect], shares: list[float]) -> list[LastingChange]:
+    def _unknown(self, t: float, suspects: list[Suspect], shares: list[float]) -> list[LastingChange]:
         """A lasting excess that no law explains; it becomes part of what is known and of the noise."""
         assert self.after is not None, "a change was noticed"
         power = np.array([piece[:, -1, -1] for piece in self.pieces])
@@ -200,16 +206,20 @@ class Changes:
             part *= raised
         self._forget()
         sentence = f"unknown change at {name}: residual of {rms:.3g} {self._unit(j)}"
-        alternatives = self._alternatives(found, shares)
+        alternatives = self._alternatives(suspects, shares)
         return [
             LastingChange(t, "unknown", name, {"rms": rms}, {}, 1.0 - max(shares, default=0.0), sentence, alternatives)
         ]
 
-    def _named(self, t: float, k: int, found: list[Suspect], shares: list[float]) -> list[LastingChange]:
+    def _named(self, t: float, k: int, suspects: list[Suspect], shares: list[float]) -> list[LastingChange]:
         """Events of the k-th candidate; of two laws of friction, those that are settled."""
-        best, share = found[k], _share(found[k], found, shares)
-        others = [(one, p) for one, p in zip(found, shares, strict=True) if not set(one.columns) & set(best.columns)]
-        beside = self._alternatives([one for one, _ in others], [p for _, p in others])
+        best, share = suspects[k], _share(suspects[k], suspects, shares)
+        others = [
+            (suspect, p)
+            for suspect, p in zip(suspects, shares, strict=True)
+            if not set(suspect.columns) & set(best.columns)
+        ]
+        beside = self._alternatives([suspect for suspect, _ in others], [p for _, p in others])
         if best.joint == TIP_JOINT:
             return [self._payload(t, best, share, beside)]
         assert self.after is not None, "a change was noticed"
@@ -236,33 +246,181 @@ class Changes:
         sentence = f"{name.replace('_', ' ')} of {joint} changed by {size}"
         return LastingChange(t, name, joint, {key: total}, {key: std}, probability, sentence, others)
 
-    def _alternatives(self, found: list[Suspect], shares: list[float]) -> dict[str, float]:
+    def _alternatives(self, suspects: list[Suspect], shares: list[float]) -> dict[str, float]:
         """The next likely laws by name, with their probability."""
-        return {self._label(s): p for s, p in list(zip(found, shares, strict=True))[:3] if p > MIN_LISTED_PROBABILITY}
+        return {
+            self._label(s): p for s, p in list(zip(suspects, shares, strict=True))[:3] if p > MIN_LISTED_PROBABILITY
+        }
 
-    def _label(self, one: Suspect) -> str:
-        if one.joint == TIP_JOINT:
+    def _label(self, suspect: Suspect) -> str:
+        if suspect.joint == TIP_JOINT:
             return "payload"
-        return f"{' and '.join(JOINT_COLUMNS[k] for k in one.columns)} of {self.robot.joints[one.joint]}"
+        return f"{' and '.join(JOINT_COLUMNS[k] for k in suspect.columns)} of {self.robot.joints[suspect.joint]}"
 
     def _unit(self, joint: int) -> str:
         return "N" if self.robot.prismatic[joint] else "N.m"
 
 
-def _noticed(one: Suspect) -> bool:
-    return one.gain > NOTICED_CHI2[min(len(one.columns), len(PAYLOAD_COLUMNS))]
+def _noticed(suspect: Suspect) -> bool:
+    return suspect.gain > NOTICED_CHI2[min(len(suspect.columns), len(PAYLOAD_COLUMNS))]
 
 
-def _share(best: Suspect, found: list[Suspect], shares: list[float]) -> float:
+def _share(best: Suspect, suspects: list[Suspect], shares: list[float]) -> float:
     """Probability of the laws of a candidate, alone or with others."""
-    with_it = (set(best.columns) <= set(one.columns) and one.joint == best.joint for one in found)
+    with_it = (set(best.columns) <= set(suspect.columns) and suspect.joint == best.joint for suspect in suspects)
     return min(1.0, sum(p for p, same in zip(shares, with_it, strict=True) if same))
 
 
-def _probabilities(found: list[Suspect]) -> list[float]:
-    """Posterior probabilities of candidates with equal priors."""
-    if not found:
-        return []
-    scores = np.array([one.score for one in found])
-    weight = np.exp(scores - scores.max())
-    return [float(x) for x in weight / weight.sum()]
+class Suspect(NamedTuple):
+    """A law, or two of friction, with their numbers and their evidence."""
+
+    joint: int  # or TIP_JOINT
+    columns: tuple[int, ...]  # of the frames
+    value: Array  # (m,) [units of the laws]
+    covariance: Array  # (k, k) [products of the units], without an inertia that follows from others
+    gain: float  # [1] reduction of the squared residual in units of its variance, inflation included
+    raw: float  # [1] the same without inflation
+    score: float  # [1] log of the evidence: Schwarz, Annals of Statistics 6(2), 1978
+
+    @property
+    def std(self) -> Array:
+        """Standard deviations (k,) [units of the laws]."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+
+class Sums(NamedTuple):
+    """Sums over frames of n joints."""
+
+    products: Array  # (n, 15, 15) [1] of columns and residual over the noise
+    frames: Array  # (n,) [1] number
+    model: Array  # (n,) [1] squared error of the model over the variance of the noise
+
+
+class Window:
+    """Sums (n, 15, 15) of products of columns and residual, each over the noise of its joint."""
+
+    def __init__(self, joints: int, memory: float = np.inf) -> None:
+        self.sums = np.zeros((joints, FRAME_COLUMNS + 1, FRAME_COLUMNS + 1))
+        self.count = np.zeros(joints)  # frames
+        self.model = np.zeros(joints)  # squared error of the model by its covariance, over the variance of the noise
+        self.memory = memory  # [s]
+
+    def restart(self) -> None:
+        """Forget everything."""
+        self.sums[:], self.count[:], self.model[:] = 0.0, 0.0, 0.0
+
+    def add(self, sums: Sums, seconds: float) -> None:
+        """Add sums of frames that last for some seconds."""
+        keep = float(np.exp(-seconds / self.memory))
+        for mine, more in zip((self.sums, self.count, self.model), sums, strict=True):
+            mine *= keep
+            mine += more
+
+    def inflation(self, noise: QuietNoise) -> Array:
+        """Variance (n, 14) of the sums of each column over that of white noise, with the error of the model [1]."""
+        return np.asarray(noise.inflation * (1 + self.model)[:, None])
+
+    def narrowed(self, suspect: Suspect, noise: QuietNoise) -> tuple[Array, Array]:
+        """Change (k,) of the numbers of a known law by this window, and their covariance (k, k) with both.
+
+        Where the law leaves more than the noise of the quiet stretch, the window counts less by that misfit.
+        """
+        c = list(suspect.columns[: len(suspect.covariance)])
+        tip = suspect.joint == TIP_JOINT
+        at = slice(None) if tip else slice(suspect.joint, suspect.joint + 1)
+        sums, count = self.sums[at].sum(axis=0), float(self.count[at].sum())
+        power = np.maximum(np.einsum("nkk->n", self.sums[at][:, c][:, :, c]), 1e-300)
+        whole = self.inflation(noise)[at][:, c].mean(axis=1)
+        alone = np.linalg.lstsq(sums[np.ix_(c, c)], sums[c, -1], rcond=None)[0]
+        misfit = max(1.0, float(sums[-1, -1] - alone @ sums[c, -1]) / max(count, 1.0))
+        inflated = misfit * float(power @ whole / power.sum())
+        covariance = np.linalg.inv(np.linalg.inv(suspect.covariance) + sums[np.ix_(c, c)] / inflated)
+        return covariance @ sums[c, -1] / inflated, covariance
+
+    @property
+    def excess(self) -> float:
+        """Squared residual [1], in units of its variance, beyond that of noise, over all joints."""
+        return float(np.maximum(self.sums[:, -1, -1] - self.count, 0.0).sum())
+
+    def candidates(self, noise: QuietNoise) -> list[Suspect]:
+        """All laws that act in the window, the best first.
+
+        An error of the model lasts for the whole window, so its square is not divided by the number of frames.
+        """
+        whole = self.inflation(noise)
+        excess = np.maximum(self.sums[:, -1, -1] - self.count, 1e-9)
+        common = float(excess @ whole.mean(axis=1) / excess.sum())  # or the score prefers noisy joints
+        suspects, count = [], float(self.count.sum())
+        for j, sums in enumerate(self.sums):
+            for columns in ((0,), (1,), (2,), (3,), FRICTION_PAIR):
+                if suspect := _fit(sums, columns, j):
+                    own = float(np.mean(whole[j, list(columns)]))
+                    suspects.append(_scaled(suspect, own, common, self.count[j]))
+        if suspect := _payload(self.sums.sum(axis=0)):
+            suspects.append(_scaled(suspect, common, common, count))
+        return sorted(suspects, key=lambda suspect: -suspect.score)
+
+
+def products(frames: Frames, base: Array, noise: QuietNoise) -> Sums:
+    """Sums of usable frames; base: (n, 4) coefficients of JOINT_COLUMNS that are known already [units of the laws]."""
+    known = np.einsum("fnk,nk->fn", frames.columns[:, :, : len(JOINT_COLUMNS)], base)
+    whole = np.concatenate([frames.columns, (frames.residual - known)[:, :, None]], axis=2)
+    whole *= (frames.usable / noise.frame)[:, :, None]
+    by_joint = whole.transpose(1, 0, 2)
+    model = np.sum(frames.usable * np.minimum(frames.std / noise.frame, 1.0) ** 2, axis=0)  # at most what was measured
+    return Sums(by_joint.transpose(0, 2, 1) @ by_joint, frames.usable.sum(axis=0).astype(float), model)
+
+
+def gain(sums: Array, suspect: Suspect) -> float:
+    """Reduction of the squared residual [1] by a candidate; sums: (15, 15) [1] of its joint, or of all joints."""
+    c, value = list(suspect.columns), suspect.value
+    return float(2 * value @ sums[c, -1] - value @ sums[np.ix_(c, c)] @ value)
+
+
+def effect(sums: Array, suspect: Suspect) -> float:
+    """Squared torque [1] of a candidate in units of the variance of the noise; sums: (15, 15) [1]."""
+    c = list(suspect.columns)
+    return float(suspect.value @ sums[np.ix_(c, c)] @ suspect.value)
+
+
+def _scaled(suspect: Suspect, own: float, common: float, count: float) -> Suspect:
+    """Suspect with its evidence: variances inflated by its own factor, the score by a common one."""
+    cost = min(len(suspect.columns), len(PAYLOAD_COLUMNS)) * np.log(max(count, 2.0))
+    return suspect._replace(
+        covariance=suspect.covariance * own, gain=suspect.raw / own, score=0.5 * (suspect.raw / common - cost)
+    )
+
+
+def _payload(sums: Array) -> Suspect | None:
+    """Point mass at the last link: mass and first moment, and the inertia that follows from them."""
+    first, columns = len(JOINT_COLUMNS), tuple(range(len(JOINT_COLUMNS), len(JOINT_COLUMNS) + len(PAYLOAD_COLUMNS)))
+    inertia, shifted, suspect = np.zeros(len(INERTIA)), sums, None
+    turning = list(range(first + len(PAYLOAD_COLUMNS), FRAME_COLUMNS))
+    for _ in range(PAYLOAD_ROUNDS):
+        suspect = _fit(shifted, columns, TIP_JOINT)
+        if suspect is None or not suspect.value[0] > 0:
+            return suspect
+        inertia = np.array(point_inertia(float(suspect.value[0]), suspect.value[1:].tolist()))
+        shifted = sums.copy()
+        shifted[:, -1] -= sums[:, turning] @ inertia
+    assert suspect is not None, "there is a round"
+    whole = suspect._replace(columns=tuple(range(first, FRAME_COLUMNS)), value=np.concatenate([suspect.value, inertia]))
+    return whole._replace(raw=gain(sums, whole))
+
+
+def _fit(sums: Array, columns: tuple[int, ...], joint: int) -> Suspect | None:
+    """Least squares of the columns, without evidence; None if the window does not excite them."""
+    c = list(columns)
+    normal, right = sums[np.ix_(c, c)], sums[c, -1]
+    size = np.sqrt(np.diag(normal))
+    if not size.max() > 0 or (joint != TIP_JOINT and not (size > 0).all()):
+        return None
+    size = np.maximum(size, PAYLOAD_EIGENVALUE_RATIO * size.max())
+    values, vectors = np.linalg.eigh(normal / np.outer(size, size))
+    seen = values > (PAYLOAD_EIGENVALUE_RATIO if joint == TIP_JOINT else FRICTION_EIGENVALUE_RATIO) * values[-1]
+    if joint != TIP_JOINT and not seen.all():
+        return None
+    root = vectors[:, seen] / np.sqrt(values[seen])
+    inverse = (root @ root.T) / np.outer(size, size)
+    value = inverse @ right
+    return Suspect(joint, columns, value, inverse, 0.0, float(right @ value), 0.0)

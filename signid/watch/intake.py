@@ -1,8 +1,11 @@
-"""Rows of a stream -> stretches of usable rows: gaps, jumps, repeated stamps and missing numbers are noted."""
+"""Rows of a stream -> stretches of usable rows -> blocks of a few milliseconds.
+
+Gaps, jumps, repeated stamps and missing numbers are noted. Blocks lie between edges with position, velocity and torque.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, NamedTuple
 
@@ -26,6 +29,9 @@ NOTE_INTERVAL = 10.0  # [s] time after which a note of the same kind is repeated
 WATCH_SCHEMA = "signid.watch/1"
 LINE_DIGITS = 6  # significant digits of a number in a line
 DECIMALS = 6  # of a time [s]
+VELOCITY_HALF_WINDOW = 0.008  # [s] half of the window of the velocity: a local line; the delay of the observer
+MIN_BLOCK_TIME = 0.002  # [s] shortest block
+PERIOD_ROWS = 20  # rows that give the sampling period
 
 
 class StreamRows(NamedTuple):
@@ -130,7 +136,10 @@ class Intake:
                 notes += self._note("slow", float(rows.t[-1]), f"{slow}; give 50 Hz or more")
         cuts, more = self._cuts(rows, before, step)
         self.last, self.held = rows.at(slice(-1, None)), False
-        return list(_pieces(rows, cuts, first)), [*notes, *more]
+        edges = sorted({0, *cuts.tolist(), len(rows.t)})
+        fresh = [first or 0 in cuts, *[True] * len(edges)]
+        ends = zip(edges, edges[1:], fresh, strict=False)
+        return [StreamPiece(rows.at(slice(a, b)), new) for a, b, new in ends], [*notes, *more]
 
     def _new(self, rows: StreamRows, first: bool) -> StreamRows:
         """Rows without those that only hold the last one, as some logs do where packets are lost."""
@@ -177,12 +186,6 @@ class Intake:
 def mean_step(steps: Array) -> float:
     """Sampling period [s]: the mean step but for gaps, also where rows arrive in bursts; steps: (k,) [s]."""
     return float(np.mean(steps[steps <= RESET_GAP_STEPS * np.percentile(steps, USUAL_STEP_PERCENTILE)]))
-
-
-def _pieces(rows: StreamRows, cuts: Indices, first: bool) -> Iterator[StreamPiece]:
-    edges = sorted({0, *(int(k) for k in cuts), len(rows.t)})
-    for a, b in zip(edges, edges[1:], strict=False):
-        yield StreamPiece(rows.at(slice(a, b)), first if a == 0 and 0 not in cuts else True)
 
 
 @dataclass(frozen=True)
@@ -245,3 +248,68 @@ def _plain(key: str, value: Any) -> Any:
     if isinstance(value, float):
         return round(value, DECIMALS) if key in ("t", "start", "end", "corrects") else float(f"{value:.{LINE_DIGITS}g}")
     return value
+
+
+class Blocks(NamedTuple):
+    """K blocks between K + 1 edges."""
+
+    t: Array  # (K+1,) [s]
+    q: Array  # (K+1, n) [rad or m]
+    v: Array  # (K+1, n) [rad/s or m/s]
+    tau: Array  # (K+1, n) [N.m or N], through the filter of the velocity
+    late: float  # [s] between the last edge and the last row that it needs
+
+    @property
+    def step(self) -> Array:
+        """Durations (K, 1) [s]."""
+        return np.asarray(np.diff(self.t)[:, None])
+
+
+class Cutter:
+    """Rows of the current stretch that later edges need."""
+
+    def __init__(self) -> None:
+        self.rows: StreamRows | None = None
+        self.at, self.half, self.every = 0, 0, 0
+
+    def restart(self) -> None:
+        """Begin a new stretch."""
+        self.rows, self.at = None, self.half
+
+    def cut(self, rows: StreamRows) -> Blocks | None:
+        """Append rows; the blocks that are complete, or None."""
+        self.rows = rows = rows if self.rows is None else self.rows.then(rows)
+        if not self.half:
+            if len(rows.t) < PERIOD_ROWS:
+                return None
+            period = mean_step(np.diff(rows.t))
+            self.half, self.every = max(1, round(VELOCITY_HALF_WINDOW / period)), max(1, round(MIN_BLOCK_TIME / period))
+            self.at = self.half
+        edges = np.arange(self.at, len(rows.t) - self.half, self.every)
+        if len(edges) < 2:
+            return None
+        found = _blocks(rows, edges, self.half)
+        self.rows, self.at = rows.at(slice(edges[-1] - self.half, None)), self.half
+        return found
+
+
+def _blocks(rows: StreamRows, edges: Indices, half: int) -> Blocks:
+    """Edges with the velocity of a local line; position, torque and time through the filter that this line is.
+
+    The slope of a line through samples is a weighted mean of the velocities between them, for any stamps; torque has
+    the same weights, so that both have the same acceleration in them, also where rows were lost.
+    """
+    around = edges[:, None] + np.arange(-half, half + 1)
+    times = rows.t[around] - rows.t[edges][:, None]
+    slope = times - times.mean(axis=1, keepdims=True)
+    slope /= np.sum(slope**2, axis=1, keepdims=True)
+    between = (np.cumsum(slope[:, ::-1], axis=1)[:, ::-1][:, 1:] * np.diff(times, axis=1)) / 2
+    weight = np.zeros_like(slope)
+    weight[:, 1:] += between
+    weight[:, :-1] += between
+    moved = rows.q[around] - rows.q[edges][:, None]
+    mean = ("kw,kwn->kn", weight)
+    v = np.einsum("kw,kwn->kn", slope, moved) if rows.dq is None else np.einsum(*mean, rows.dq[around])
+    q, tau = rows.q[edges] + np.einsum(*mean, moved), np.einsum(*mean, rows.tau[around])
+    t = rows.t[edges] + np.sum(weight * times, axis=1)
+    return Blocks(t, q, v, tau, float(rows.t[edges[-1] + half] - t[-1]))

@@ -8,8 +8,7 @@ import numpy as np
 
 from ..regression.factors import Misfit
 from ..types import Array, Indices, Mask
-from .frames import FRAME_COLUMNS, JOINT_COLUMNS, Frames
-from .observer import Observed
+from .observer import FRAME_COLUMNS, JOINT_COLUMNS, Frames, Observed
 
 BATCH_DURATION = 1.0  # [s] residuals of different batches count as independent
 SHRINKAGE_BATCHES = 2.0  # [batches] without correlation that are added to those measured

@@ -7,7 +7,7 @@ import sys
 import time
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE, IncrementalDecoder, getincrementaldecoder
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import count
 from pathlib import Path
 from queue import Empty, Queue
@@ -212,7 +212,9 @@ def open_stream(
         return _parsed(_standard_input(idle), Parser(robot, columns, "standard input", rate))
     if isinstance(stream, str | Path) and follow:
         return _parsed(_growing(Path(stream), idle), Parser(robot, columns, readable(str(stream)), rate))
-    if isinstance(stream, Iterable) and not isinstance(stream, str | Path | dict | Recording) and _is_text(stream):
+    if isinstance(stream, Iterator) or (
+        isinstance(stream, Sequence) and not isinstance(stream, str) and all(isinstance(x, str) for x in stream)
+    ):
         return _parsed(iter(stream), Parser(robot, columns, "the stream", rate))
     source: Any = stream
     recording = (
@@ -222,10 +224,6 @@ def open_stream(
     )
     check(recording, recording.path or "the recording")
     return Stream(recording.joints, played(recording), recording)
-
-
-def _is_text(stream: object) -> bool:
-    return isinstance(stream, Iterator) or (isinstance(stream, Sequence) and all(isinstance(x, str) for x in stream))
 
 
 def _parsed(texts: Iterator[str], parser: Parser) -> Stream:

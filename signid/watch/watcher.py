@@ -21,14 +21,11 @@ from ..robot import configuration, hold, resting
 from ..robot.dynamics import own_body, point_jacobian
 from ..typed import typed
 from ..types import Array, Law, Mask
-from .blocks import Blocks, Cutter
-from .changes import Changes
-from .frames import Framer, Frames
-from .intake import Contact, Event, Intake, LastingChange, Note, StreamRows, given_rows
-from .observer import OBSERVER_GAIN, Momentum, Observed, Observer, Residual
+from .changes import TIP_JOINT, Changes
+from .intake import Blocks, Contact, Cutter, Event, Intake, LastingChange, Note, StreamRows, given_rows
+from .observer import OBSERVER_GAIN, Framer, Frames, Momentum, Observed, Observer, Residual
 from .quiet import Discrepancy, Quiet, learn
 from .sources import Stream, open_stream
-from .windows import TIP_JOINT
 
 QUIET_DURATION = 10.0  # [s] of motion that give the noise
 MAX_QUIET_RATIO = 6.0  # [1] longest quiet stretch, over the motion that it should have

@@ -56,15 +56,12 @@ class Hypothesis:
         """Effect and joints, for all shapes."""
         if self.unknown:
             return self.kind, (self.joint,)
-        return self._numbered(self.kind), self.laws[0].joints
+        return self.kind if self.nth == 1 else f"{self.kind} {self.nth}", self.laws[0].joints
 
     @property
     def names(self) -> set[Key]:
-        """Effect and joints of each of its laws."""
-        return {(self._numbered(law.effect.name), law.joints) for law in self.laws}
-
-    def _numbered(self, name: str) -> str:
-        return name if self.nth == 1 else f"{name} {self.nth}"
+        """Effect and joints of its law."""
+        return {self.key} if self.laws else set()
 
     @property
     def bodies(self) -> set[int]:
@@ -89,7 +86,15 @@ class Hypothesis:
         """Columns S: for each joint whose torque it changes, (N, k) [torque per coefficient]."""
         if self.unknown:
             return {self.joint: hats(variable(motion, self.joint, self.variable), self.knots)}
-        rows, columns = _secant(self.laws[0], motion) if self.finite else law_columns(self.laws[0], motion)
+        law = self.laws[0]
+        if not self.finite:
+            rows, columns = law_columns(law, motion)
+        else:  # change of torque by a recording law of one number at its full size, over that size
+            (key,) = law.effect.linear()
+            change = of_kind(law.effect, RecordingLaw).change(motion.at(law.joints), law.parameters, exactly=True)
+            wide = change.shape[1] != len(law.joints) or law.effect.scope == "link"
+            rows = tuple(range(change.shape[1])) if wide else law.joints
+            columns = change[..., None] / law.parameters[key]
         columns = columns @ self.numbers if self.scaled else columns
         return {j: finite(columns[:, k]) for k, j in enumerate(rows)}
 
@@ -106,7 +111,11 @@ def propose(model: Model, motion: Motion, skip: Sequence[str] = ()) -> list[Hypo
     Where the simulation has a law, the hypothesis is that the law's size is wrong; where it has several of one effect
     at the same joints, each may be wrong.
     """
-    known = _known(model)
+    known = dict[Key, list[Law]]()  # laws of the simulation that are not zero; of each shape, the first
+    for law in (law for law in model.laws if any(law.effect.coefficients(law.parameters))):
+        same = known.setdefault((law.effect.name, law.joints), [])
+        if _stated(same, law) is None:
+            same.append(law)
     shaped = [Law(x.effect, x.joints, shape) for x, *_ in known.values() if (shape := x.effect.shape(x.parameters))]
     n = len(motion.robot.joints)
     found = [
@@ -126,16 +135,6 @@ def propose(model: Model, motion: Motion, skip: Sequence[str] = ()) -> list[Hypo
         if law.effect is effect
     ]
     return [*found, *more, *_scaled_links(model, skip), *_unknown(motion)]
-
-
-def _known(model: Model) -> dict[Key, list[Law]]:
-    """Laws of the simulation that are not zero, by effect and joints; of each shape, the first."""
-    out = dict[Key, list[Law]]()
-    for law in (law for law in model.laws if any(law.effect.coefficients(law.parameters))):
-        same = out.setdefault((law.effect.name, law.joints), [])
-        if _stated(same, law) is None:
-            same.append(law)
-    return out
 
 
 def _scaled_links(model: Model, skip: Sequence[str]) -> Iterator[Hypothesis]:
@@ -174,14 +173,6 @@ def variable(motion: Motion, joint: int, name: str) -> Array:
 def hats(x: Array, knots: Sequence[float]) -> Array:
     """(N, k - 1) [1] hat functions of x (N,) [any unit], without the first: the others and a constant make it."""
     return np.column_stack([np.interp(x, knots, row) for row in np.eye(len(knots))[1:]])
-
-
-def _secant(law: Law, motion: Motion) -> tuple[tuple[int, ...], Array]:
-    """Torque change by a recording law with one coefficient at its full size, over that size."""
-    (key,) = law.effect.linear()
-    change = of_kind(law.effect, RecordingLaw).change(motion.at(law.joints), law.parameters, exactly=True)
-    wide = change.shape[1] != len(law.joints) or law.effect.scope == "link"
-    return tuple(range(change.shape[1])) if wide else law.joints, change[..., None] / law.parameters[key]
 
 
 def is_refitted(law: Law) -> bool:

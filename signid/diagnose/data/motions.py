@@ -15,12 +15,12 @@ from ...effects.law import law_torque
 from ...faults.evidence import PER_UNKNOWN, judge_amount
 from ...model import Model
 from ...recording.sampling import samples, select_stretches, time_origin
-from ...regression.bandwidth import Band, Decimator, lowpass, moving_minimum, smooth
+from ...regression.bandwidth import Decimator, lowpass, moving_minimum, smooth
 from ...regression.motion import Motion, build_motion, margin
 from ...regression.rows import Task
 from ...regression.session import Part, Session
 from ...types import Array, Law, Robot
-from .thresholds import REST_SPEED, REST_TIME, REVERSAL_TIME_STD
+from ..thresholds import REST_SPEED, REST_TIME, REVERSAL_TIME_STD
 
 PIECE_SAMPLES = 2**14  # samples of a piece at the rate of the rows, at most: limits memory
 
@@ -59,8 +59,7 @@ def pieces(task: Task, model: Model, recordings: Sequence[Part]) -> Iterator[Pie
             for start, stop in ((a, b) for a, b in pairwise(cuts) if b - a > 2 * half):
                 window = samples(recording, sampling, span, start, stop + 2 * edge)
                 motion = build_motion(model.robot, window, task.band, sampling.period, derivatives, task.slow)
-                made = _piece(task, model, _thinned_motion(motion, task.band, parts), robot, k)
-                yield made._replace(origin=origin)
+                yield _piece(task, model, motion, robot, k)._replace(origin=origin)
 
 
 def bodies_without_rotors(model: Model) -> pin.Model:
@@ -73,15 +72,6 @@ def bodies_without_rotors(model: Model) -> pin.Model:
 def row_filter(task: Task) -> Decimator:
     """Low-pass filter and decimation from the samples of pieces to rows."""
     return task.band.decimator(task.parts)
-
-
-def _thinned_motion(motion: Motion, band: Band, parts: int) -> Motion:
-    """Every `parts`-th sample: positions are in the band already, torque is low-passed first."""
-    if parts == 1:
-        return motion
-    assert motion.recorded is not None, "windows have torque"
-    calm = smooth(motion.recorded, lowpass(band.rate, 0.4 * band.rate / parts), whole=True)
-    return replace(motion, recorded=calm)[::parts]
 
 
 def torque_of(law: Law, motion: Motion) -> dict[int, Array]:
@@ -118,6 +108,10 @@ def reversal_uncertainty(thin: Decimator, pieces: Sequence[Piece], dry: Array) -
 
 
 def _piece(task: Task, model: Model, motion: Motion, robot: Robot, k: int) -> Piece:
+    if task.parts > 1:  # every `parts`-th sample: positions are in the band already, torque is low-passed first
+        assert motion.recorded is not None, "windows have torque"
+        calm = smooth(motion.recorded, lowpass(task.band.rate, 0.4 * task.band.rate / task.parts), whole=True)
+        motion = replace(motion, recorded=calm)[:: task.parts]
     predicted = model.inverse(motion)
     acted, recorded = model.acted(motion), motion.recorded
     assert recorded is not None, "windows have torque"
@@ -131,7 +125,10 @@ def subsample(session: Session) -> Session:
     joints = len(session.robot.joints)
     seconds = max(MIN_SECONDS, JOINT_SECONDS / joints**2)
     soon = SECONDS_PER_SECOND * seconds_left() / joints**2
-    while soon < seconds and not _suffices(session, _cut(session.train, soon)):
+    while soon < seconds:
+        amount = judge_amount(session, _cut(session.train, soon))
+        if amount.rows >= CHECK_ROWS_FACTOR * PER_UNKNOWN * amount.unknowns:
+            break
         soon = STRETCH_GROWTH * max(soon, 1.0)
     seconds = min(seconds, soon)
     train, held_out = (_cut(parts, seconds) for parts in (session.train, session.held_out))
@@ -140,11 +137,6 @@ def subsample(session: Session) -> Session:
         return session
     note = f"{used:.0f} s of the {whole:.0f} s of recordings were used, in evenly spread stretches"
     return replace(session, train=train, held_out=held_out, notes=(*session.notes, note))
-
-
-def _suffices(session: Session, parts: tuple[Part, ...]) -> bool:
-    amount = judge_amount(session, parts)
-    return amount.rows >= CHECK_ROWS_FACTOR * PER_UNKNOWN * amount.unknowns
 
 
 def _duration(parts: tuple[Part, ...]) -> float:

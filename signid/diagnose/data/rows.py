@@ -1,25 +1,34 @@
-"""Filtered, decimated rows of motions: the residual of each joint and the columns of all hypotheses."""
+"""Filtered, decimated rows of motions: the residual of each joint, and the columns of all hypotheses.
+
+Groups of columns are nuisance parameters (X a of the README) and hypotheses (S b).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ...deadline import need_time, show_step
+from ...effects.law import law_columns
 from ...model import Model
 from ...regression.bandwidth import Decimator
+from ...regression.motion import Motion
+from ...regression.projection import least_squares
 from ...regression.rows import Task
-from ...types import Array, Frozen, Indices, Mask
-from .column_groups import Group, nuisances
-from .hypotheses import finite
-from .motions import Piece, reversal_uncertainty, row_filter, standstill
-from .thresholds import HOLD_TIME, MIN_MOVING_ROWS, MIN_TORQUE, STATIC_OVER_DRY
+from ...types import Array, Frozen, Indices, Law, Mask
+from .. import thresholds as tuned
+from .estimated_gains import EstimatedGain
+from .hypotheses import Hypothesis, finite, is_refitted
+from .motions import Piece, reversal_uncertainty, row_filter, standstill, stated_friction
 
 STAMP_DECIMALS = 6  # decimals of times [s] that are differences of large time stamps
 BLOCK_GROUPS = 32  # groups of columns that are filtered at once: limits memory
+MIN_CENTRED_MASS = 1e-6  # [kg] a body below this mass has no centre of mass. Heuristic
+DRY_STRIDE = 8  # every 8th sample is used for the rough estimate of dry friction. Heuristic
+LAYOUT_SAMPLES = 64  # samples of the motion from which columns are counted
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +64,7 @@ class RowTable(Frozen):
     def scale(self) -> Array:
         """(n,) [N.m or N] rms torque of each joint, with a lower bound relative to the largest."""
         rms = np.sqrt(np.mean(self.torque**2, axis=0))
-        return np.asarray(np.maximum(np.maximum(rms, MIN_TORQUE * rms.max()), 1e-300))
+        return np.asarray(np.maximum(np.maximum(rms, tuned.MIN_TORQUE * rms.max()), 1e-300))
 
     def since_origin(self) -> Array:
         """(M,) [s] times, from the start of each recording whose time stamps begin far from 0."""
@@ -83,7 +92,7 @@ def build_table(task: Task, model: Model, groups: Sequence[Group], pieces: Seque
     def inner(signals: Sequence[Array]) -> Array:
         return np.concatenate([thin.at(x) for x in signals])
 
-    rests = inner([standstill(piece.motion, thin, HOLD_TIME) for piece in pieces]) > 0
+    rests = inner([standstill(piece.motion, thin, tuned.HOLD_TIME) for piece in pieces]) > 0
     sampled: dict[str, Any] = {name: inner([getattr(p.motion, name) for p in pieces]) for name in ("t", "q", "v", "a")}
     signals = [np.column_stack([p.residual, p.residual + np.asarray(p.motion.predicted)]) for p in pieces]
     residual, torque = np.split(np.concatenate([thin(np.nan_to_num(x)) for x in signals]), 2, axis=1)
@@ -112,9 +121,9 @@ def _holding_torque(residual: Array, rests: Mask, dry: Array) -> Array:
     in motion, residual (M, n), bound it. A command beyond both and the load is another matter, such as saturation.
     """
     moving = np.where(rests, np.nan, np.abs(residual))
-    enough = np.sum(~rests, axis=0) > MIN_MOVING_ROWS
+    enough = np.sum(~rests, axis=0) > tuned.MIN_MOVING_ROWS
     largest = np.array([np.nanmax(x) if yes else np.inf for x, yes in zip(moving.T, enough, strict=True)])
-    return np.asarray(STATIC_OVER_DRY * (dry + largest))
+    return np.asarray(tuned.STATIC_OVER_DRY * (dry + largest))
 
 
 def _pushed(rests: Mask, excess: Array, held: Array) -> Mask:
@@ -159,3 +168,126 @@ def _columns(model: Model, groups: Sequence[Group], piece: Piece, dry: Array) ->
         need_time("the search for laws")
         show_step(f"columns of {group.claim.kind}", group.start / max(groups[-1].start, 1))
         yield group.claim.columns(piece.motion)
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """`size` consecutive columns from `start` on: a nuisance term or a hypothesis."""
+
+    start: int
+    size: int
+    hypothesis: Hypothesis | None = None  # None: a nuisance term, which is always fitted
+    bodies: bool = False  # inertial parameters of a body: fitted only if the prior scale k is above zero
+    law: Law | None = None  # law of the simulation whose coefficients are refitted
+    deviation: tuple[float, ...] = ()  # (size,) prior standard deviations [unit of each coefficient]; inf: flat prior
+
+    @property
+    def claim(self) -> Hypothesis:
+        """The hypothesis of these columns; nuisance terms have none."""
+        assert self.hypothesis is not None, "a nuisance term is no hypothesis"
+        return self.hypothesis
+
+
+class Nuisance(NamedTuple):
+    """One nuisance term, fitted beside every hypothesis."""
+
+    columns: dict[int, Array]  # per joint (N, k) [torque per coefficient]
+    deviation: list[float]  # (k,) prior standard deviations [unit of each coefficient]
+    law: Law | None = None  # law of the simulation
+    bodies: bool = False
+
+
+def nuisances(model: Model, motion: Motion, dry: Array, free: Sequence[Law] = ()) -> Iterator[Nuisance]:
+    """Nuisance terms X a in the order of their columns, each with its prior; dry friction `dry` (n,) [N.m or N].
+
+    Laws that are `free` have flat priors, as have those of an identified model, whose covariance counts.
+
+    They are coefficients of stated laws, shapes of dry friction near velocity reversals, and all inertial parameters.
+    """
+    stated = stated_friction(model)
+    for law in model.laws:
+        if is_refitted(law):
+            rows, columns = law_columns(law, motion)
+            own = law_tolerance(law, float(stated[law.joints[0]]))
+            flat = (model.covariance or law in free) and not isinstance(law.effect, EstimatedGain)
+            spread = [np.inf] * columns.shape[2] if flat else own
+            yield Nuisance({j: columns[:, k] for k, j in enumerate(rows)}, spread, law)
+    for j in np.flatnonzero(dry > 0).tolist():
+        yield Nuisance({j: _reversal_columns(motion, j)}, [tuned.REVERSAL_STD * float(dry[j])] * 3)
+    for body, spread in enumerate(tolerance(model).tolist()):
+        moving = np.flatnonzero(motion.moved[:, body]).tolist()
+        yield Nuisance({j: motion.bodies[:, j, body] for j in moving}, spread, bodies=True)
+
+
+def law_tolerance(law: Law, dry: float) -> list[float]:
+    """(k,) prior standard deviations of the coefficients of a stated law [unit of each]; `dry`: friction [N.m or N]."""
+    if isinstance(law.effect, EstimatedGain):
+        return [float(np.sqrt(law.effect.covariance[law.joints[0]]))]
+    share = tuned.FRICTION_STD if law.effect.dissipative or law.effect.name == "torque_offset" else tuned.LAW_STD
+    least = tuned.OFFSET_STD * dry if law.effect.name == "torque_offset" else 0.0
+    return [max(share * abs(x), least, 1e-9) for x in law.effect.coefficients(law.parameters)]
+
+
+def tolerance(model: Model) -> Array:
+    """(nb, 10) prior standard deviations of stated inertial parameters [kg, kg.m, kg.m2]."""
+    out = []
+    for inertia in list(model.bodies().inertias)[1:]:
+        mass = max(abs(inertia.mass), tuned.MIN_MASS)
+        about, lever = np.diag(inertia.inertia), np.abs(inertia.lever)
+        if abs(inertia.mass) < MIN_CENTRED_MASS:  # no centre of mass
+            about, lever = inertia.toDynamicParameters()[[4, 6, 9]], np.abs(inertia.mass * inertia.lever) / mass
+        moment = max(
+            tuned.INERTIA_STD * float(np.max(np.abs(about) + mass * (lever @ lever))), mass * tuned.CENTRE_STD**2
+        )
+        half = moment / 2
+        first = np.hypot(tuned.MASS_STD * mass * lever, tuned.CENTRE_STD * mass)
+        out.append([tuned.MASS_STD * mass, *first, moment, half, moment, half, half, moment])
+    return np.array(out)
+
+
+def _reversal_columns(motion: Motion, joint: int) -> Array:
+    """(N, 3) change of the friction direction if it turns more steeply, more softly or earlier than presumed [1]."""
+    assert motion.slow is not None, "a diagnosed motion has the width of a reversal"
+    v, slow, presumed = motion.v[:, joint], motion.slow[joint], motion.direction[:, joint]
+    ahead = max(1, round(tuned.REVERSAL_LEAD / motion.dt))
+    early = np.append(presumed[ahead:], np.full(ahead, presumed[-1]))
+    return np.column_stack(
+        [*(np.clip(v / (w * slow), -1, 1) - presumed for w in tuned.REVERSAL_WIDTHS), early - presumed]
+    )
+
+
+def dry_friction(model: Model, pieces: Sequence[Piece]) -> Array:
+    """(n,) dry friction of each joint [N.m or N]: stated, plus a rough estimate from the residual."""
+    return np.asarray(stated_friction(model) + np.maximum(rough_drives(pieces)[:, 0], 0.0))
+
+
+def rough_drives(pieces: Sequence[Piece]) -> Array:
+    """(n, 3) rough estimates of dry friction [N.m or N], viscous friction and offset of each joint in the residual."""
+    few = [(piece.motion[::DRY_STRIDE], piece.residual[::DRY_STRIDE]) for piece in pieces]
+    out = np.zeros((few[0][1].shape[1], 3))
+    for j, drive in enumerate(out):
+        tables = list[Array]()
+        for motion, y in few:
+            bodies = [motion.bodies[:, j, body] for body in np.flatnonzero(motion.moved[j])]
+            columns = [motion.direction[:, j], motion.v[:, j], np.ones(len(motion)), *bodies]
+            tables.append(np.column_stack([*columns, y[:, j]]))
+        x = np.concatenate(tables)
+        x = x[np.isfinite(x).all(axis=1)]
+        if len(x):
+            drive[:] = least_squares(x[:, :-1], x[:, -1], 1e-6)[:3]
+    return out
+
+
+def build_groups(
+    model: Model, motion: Motion, hypotheses: Sequence[Hypothesis], dry: Array, free: Sequence[Law] = ()
+) -> list[Group]:
+    """Groups of all columns: nuisance terms first, then the hypotheses; dry friction `dry` (n,) [N.m or N]."""
+    out, at = list[Group](), 0
+    for found in nuisances(model, motion[:LAYOUT_SAMPLES], dry, free):
+        size = len(found.deviation)
+        out.append(Group(at, size, None, found.bodies, found.law, tuple(found.deviation)))
+        at += size
+    for hypothesis in hypotheses:
+        out.append(Group(at, hypothesis.size, hypothesis))
+        at += hypothesis.size
+    return out

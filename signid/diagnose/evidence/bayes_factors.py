@@ -11,18 +11,9 @@ import numpy as np
 from scipy.special import log_ndtr, logsumexp
 
 from ...types import Array, Indices, Mask
-from ..data.column_groups import Group
-from ..data.thresholds import (
-    BARE_SCALES,
-    COVARIANCE_SCALES,
-    EFFECT_SIZES,
-    INERTIAL_SCALES,
-    INTERVAL_COVARIANCE_SCALES,
-    LOG_BARE_SCALE_PRIOR,
-    LOG_COVARIANCE_SCALE_PRIOR,
-    LOG_INERTIAL_SCALE_PRIOR,
-)
-from ..data.whitened_rows import Fitted, Whitened
+from .. import thresholds as tuned
+from ..data.dataset import Fitted, Whitened
+from ..data.rows import Group
 from .linear_model import Component, LinearModel, cached
 from .prior import CoefficientPrior
 
@@ -73,8 +64,10 @@ class Evidence(LinearModel):
         """Most likely scale k for intervals [1] at a dispersion (n,) [1]; with a covariance it may be larger."""
         if not self.informed:
             return self.prior_scale(selected, dispersion)
-        logs = [self.fit(selected, dispersion, prior_scale).log_evidence for prior_scale in INTERVAL_COVARIANCE_SCALES]
-        return float(INTERVAL_COVARIANCE_SCALES[int(np.argmax(logs))])
+        logs = [
+            self.fit(selected, dispersion, prior_scale).log_evidence for prior_scale in tuned.INTERVAL_COVARIANCE_SCALES
+        ]
+        return float(tuned.INTERVAL_COVARIANCE_SCALES[int(np.argmax(logs))])
 
     @property
     def informed(self) -> bool:
@@ -84,13 +77,13 @@ class Evidence(LinearModel):
     @property
     def scales(self) -> Array:
         """(s,) [1] values of k: errors of the simulation, in standard deviations of their prior."""
-        return COVARIANCE_SCALES if self.informed else BARE_SCALES if self.bare else INERTIAL_SCALES
+        return tuned.COVARIANCE_SCALES if self.informed else tuned.BARE_SCALES if self.bare else tuned.INERTIAL_SCALES
 
     @property
     def scale_prior(self) -> Array:
         """(s,) [-] log prior probability of each scale."""
-        bodies = LOG_BARE_SCALE_PRIOR if self.bare else LOG_INERTIAL_SCALE_PRIOR
-        return LOG_COVARIANCE_SCALE_PRIOR if self.informed else bodies
+        bodies = tuned.LOG_BARE_SCALE_PRIOR if self.bare else tuned.LOG_INERTIAL_SCALE_PRIOR
+        return tuned.LOG_COVARIANCE_SCALE_PRIOR if self.informed else bodies
 
     def candidate_log_factor(
         self, fit: Fitted, dispersion: Array, prior: CoefficientPrior, columns: Mapping[int, Array]
@@ -285,14 +278,14 @@ def log_bayes_factor(priors: StackedPriors, own: Array, right: Array) -> Array:
     values, vectors = np.linalg.eigh(factor.transpose(0, 2, 1) @ own @ factor)
     w = np.maximum(values, 0)  # (g, d)
     z = np.einsum("gij,...gi->...gj", vectors, np.einsum("gij,...gi->...gj", factor, right) + mean)[..., None, :]
-    f2 = np.where(np.any(mean, axis=1, keepdims=True), 1.0, EFFECT_SIZES)[:, :, None] ** 2  # (g, sizes, 1)
+    f2 = np.where(np.any(mean, axis=1, keepdims=True), 1.0, tuned.EFFECT_SIZES)[:, :, None] ** 2  # (g, sizes, 1)
     fw = 1 + f2 * w[:, None, :]  # (g, sizes, d)
     log = np.sum(f2 * z**2 / fw - np.log(fw), axis=-1) / 2
     row = np.einsum("gi,gij->gj", np.nan_to_num(priors.positive), vectors)[:, None, :]
     m = np.sum(row * f2 * z / fw, axis=-1)
     s = np.sqrt(np.maximum(np.sum(row**2 * f2 / fw, axis=-1), 1e-300))
     log = log + np.where(np.isnan(priors.positive[:, :1]), 0.0, np.log(2) + log_ndtr(m / s))
-    return np.asarray(np.logaddexp.reduce(log, axis=-1) - np.sum(mean**2, axis=1) / 2 - np.log(len(EFFECT_SIZES)))
+    return np.asarray(np.logaddexp.reduce(log, axis=-1) - np.sum(mean**2, axis=1) / 2 - np.log(len(tuned.EFFECT_SIZES)))
 
 
 def _batch(data: Whitened, priors: Mapping[Group, CoefficientPrior | None], which: Indices) -> Batch:

@@ -11,12 +11,19 @@ from scipy.special import logsumexp
 
 from ...regression.factors import Misfit
 from ...types import Array, Frozen, Indices
-from ..data.column_groups import Group
-from ..data.dataset import Dataset
-from ..data.noise import Noise, measure_noise, noise_of_misfit, noise_of_rest
-from ..data.thresholds import MIN_FLOOR_SHARE, MISFIT_GROWTH, RELEVANT_FLOOR_SHARE
-from ..data.whitened_rows import columns_of, solve
-from ..data.whitening import NoiseEstimate, Whitening, estimate_discrepancy, features
+from ..data.dataset import Dataset, columns_of, solve
+from ..data.noise import (
+    Noise,
+    NoiseEstimate,
+    Whitening,
+    estimate_discrepancy,
+    features,
+    measure_noise,
+    noise_of_misfit,
+    noise_of_rest,
+)
+from ..data.rows import Group
+from ..thresholds import MIN_FLOOR_SHARE, MISFIT_GROWTH, RELEVANT_FLOOR_SHARE
 from .selection import Selection
 
 NEGLIGIBLE_LOG_DENSITY = 12.0  # [-] scales k whose log density is this much below the highest are skipped: factor e^-12
@@ -32,7 +39,13 @@ def update_noise(dataset: Dataset, selection: Selection) -> Noise:
     is at most `MISFIT_GROWTH` times as large on other recordings.
     """
     if dataset.model.misfit is not None:
-        return _grown(dataset, selection, dataset.model.misfit)
+        known, table = dataset.noise, dataset.table
+        left = np.where(table.at_rest, np.nan, dataset.remaining(selection.data, selection.fit()))
+        size = np.sqrt(np.nanmean(left**2, axis=0))
+        first = noise_of_misfit(replace(known, floor=np.zeros_like(size)), dataset.model.misfit, dataset.task.band)
+        now = np.clip(size / first.floor, 1.0, MISFIT_GROWTH) * first.floor / known.floor
+        floor = now * known.floor
+        return replace(known, floor=floor, innovation=now * known.innovation, saturated_floor=floor)
     noise = update_joints(dataset, selection, range(dataset.table.joints))
     if not np.any(noise.floor < RELEVANT_FLOOR_SHARE * noise.saturated_floor):
         return noise
@@ -44,17 +57,6 @@ def update_noise(dataset: Dataset, selection: Selection) -> Noise:
     least = np.minimum(noise.saturated_floor, first.floor)
     raised = np.maximum(1.0, MIN_FLOOR_SHARE * least / noise.floor)
     return replace(noise, saturated_floor=least, floor=raised * noise.floor, innovation=raised * noise.innovation)
-
-
-def _grown(dataset: Dataset, selection: Selection, misfit: Misfit) -> Noise:
-    """Noise of the misfit, as much larger as the rest of the selected laws is, within bounds."""
-    noise, table = dataset.noise, dataset.table
-    rest = np.where(table.at_rest, np.nan, dataset.remaining(selection.data, selection.fit()))
-    size = np.sqrt(np.nanmean(rest**2, axis=0))
-    first = noise_of_misfit(replace(noise, floor=np.zeros_like(size)), misfit, dataset.task.band)
-    growth = np.clip(size / first.floor, 1.0, MISFIT_GROWTH)
-    now = growth * first.floor / noise.floor
-    return replace(noise, floor=now * noise.floor, innovation=now * noise.innovation, saturated_floor=now * noise.floor)
 
 
 def update_joints(dataset: Dataset, selection: Selection, joints: Sequence[int], colour: bool = True) -> Noise:

@@ -11,9 +11,9 @@ import numpy as np
 
 from ...regression.projection import leave
 from ...types import Array, Frozen, Indices
-from ..data.column_groups import Group
-from ..data.thresholds import FLAT_PRECISION, SELECTED_SIZE
-from ..data.whitened_rows import Block, Fitted, Gram, Whitened, columns_of, join, mean_products, solve, total
+from ..data.dataset import Block, Fitted, Gram, Whitened, columns_of, join, mean_products, solve, total
+from ..data.rows import Group
+from ..thresholds import FLAT_PRECISION, SELECTED_SIZE
 from .prior import CoefficientPrior, StatedPrior, coefficient_prior
 
 MIN_PRIOR_SCALE = 1e-9  # [1] lower bound of the prior scale k, so that its inverse exists

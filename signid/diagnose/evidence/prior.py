@@ -13,9 +13,9 @@ from ...effects.base import BodyLaw, TransmissionLaw
 from ...model import Model
 from ...regression.motion import labels
 from ...types import INERTIAL, Array, Frozen, Indices, Law
-from ..data import thresholds as tuned
-from ..data.column_groups import Group
+from .. import thresholds as tuned
 from ..data.hypotheses import Hypothesis
+from ..data.rows import Group
 
 SCALED_RIDGE = 1e-9  # [1] added to the diagonal of the scaled covariance, so that it can be inverted
 PRIOR_RANK_TOLERANCE = 1e-10  # [1] smallest eigenvalue over the largest; 1e-6 cuts off the cubic of a cable
@@ -37,12 +37,13 @@ def coefficient_prior(hypothesis: Hypothesis, square: Array) -> CoefficientPrior
 
     Source: Zellner, in: Bayesian Inference and Decision Techniques, 1986.
     """
-    fixed = _fixed_std(hypothesis)
     size = np.sqrt(np.maximum(np.diag(square), 0))
     if size.max() < 1e-9:
         return None
-    if fixed is not None:
-        return CoefficientPrior(np.eye(len(square)) * fixed, 1.0, -1)
+    if not hypothesis.unknown and not any(law.effect.linear() for law in hypothesis.laws):  # laws without numbers
+        approximate = isinstance(hypothesis.laws[0].effect, TransmissionLaw)
+        std = tuned.APPROXIMATE_STD if approximate else tuned.PRESENCE_STD
+        return CoefficientPrior(np.eye(len(square)) * std, 1.0, -1)
     units = [kind.unit for law in hypothesis.laws for kind in law.effect.linear().values()]
     if hypothesis.laws and not hypothesis.scaled and isinstance(hypothesis.laws[0].effect, BodyLaw) and "kg" in units:
         lever = np.array([tuned.BODY_LEVER ** {"kg": 0, "kg.m": 1, "kg.m2": 2}[unit] for unit in units])
@@ -64,13 +65,6 @@ def log_prior(hypothesis: Hypothesis, places: int, kinds: int, unknowns: int) ->
     if one.effect.scope == "any" and len(one.joints) == 1:
         common *= tuned.ONE_JOINT_FACTOR
     return float(np.log((1 - tuned.PRIOR_UNKNOWN) * (1 - tuned.PRIOR_NOTHING) * common / kinds / places))
-
-
-def _fixed_std(hypothesis: Hypothesis) -> float | None:
-    """Standard deviation of the coefficient of laws without coefficients of their own; None for others [1]."""
-    if hypothesis.unknown or any(law.effect.linear() for law in hypothesis.laws):
-        return None
-    return tuned.APPROXIMATE_STD if isinstance(hypothesis.laws[0].effect, TransmissionLaw) else tuned.PRESENCE_STD
 
 
 def _positive(hypothesis: Hypothesis) -> int:

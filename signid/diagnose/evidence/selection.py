@@ -11,10 +11,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ...types import Array, BaseMap, Frozen, Indices
-from ..data.column_groups import Group
+from ..data.dataset import Fitted, Whitened, mean_products
 from ..data.hypotheses import Hypothesis, Key
-from ..data.thresholds import PRIOR_NOTHING
-from ..data.whitened_rows import Fitted, Whitened, mean_products
+from ..data.rows import Group
+from ..thresholds import PRIOR_NOTHING
 from .bayes_factors import Evidence
 from .prior import coefficient_prior, log_prior
 

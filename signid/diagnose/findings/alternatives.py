@@ -13,15 +13,14 @@ from ...deadline import time_is_up
 from ...estimation.excitation import in_step
 from ...regression.projection import SINGULAR_VALUE_TOLERANCE, leave
 from ...types import Array, Frozen
-from ..data.column_groups import Group
+from .. import thresholds as tuned
 from ..data.dataset import Dataset
 from ..data.hypotheses import Key
+from ..data.rows import Group
 from ..evidence.likelihood import Likelihood
 from ..evidence.selection import Odds, Posterior, Selection
 from ..search.contributions import Contributions, measure_contributions, steadiness
 from ..search.stepwise import LAW_SEARCH, is_admissible, is_applicable, present_laws, resolved_violations
-from . import thresholds as tuned
-from .thresholds import COMPARED_LOG_ODDS, SAME_TORQUE_CHI2
 
 _OddsBeside = tuple[Array, Mapping[Key, Odds]]  # (n,) variance of the whitened residual, odds beside all selected laws
 DECISIVE_LOG_ODDS = 500.0  # log odds beyond which a probability is 0 or 1 in double precision [-]
@@ -104,13 +103,16 @@ class _Ranking(Frozen):
         probability = {key: any_law * share for key, share in shares.items()}
         least, same_torque = tuned.LISTED_PROBABILITY, tuned.SAME_TORQUE_CHI2
         near = {k for k in same & shares.keys() if probability[k] > least or energy[k] < same_torque}
+        others = {key: x for key, x in probability.items() if key != own and not odds[key].best.claim.unknown}
+        first = max(others, key=lambda key: others[key], default=own)
+        needed = max(tuned.REPLACEMENT_RATIO * probability.get(own, 0.0), tuned.CAUSE_PROBABILITY)
         return Contender(
             group=group,
             evidence=evidence,
             shares=shares,
             candidates={key: odds[key].best for key in sorted(shares, key=lambda key: -shares[key]) if key in near},
             unexplained=sum(x for key, x in shares.items() if odds[key].best.claim.unknown),
-            instead=_replacement(odds, probability, own),
+            instead=odds[first].best if others.get(first, 0.0) > needed else None,
             steadiness=steadiness(selection.posterior, self._contributions, self._residual, group),
             log_at_scale=at_scale.get(own, np.inf),
         )
@@ -149,14 +151,6 @@ class _Ranking(Frozen):
     def _residual(self) -> Array:
         """(M, n) [N.m or N] residual of all selected laws."""
         return self.dataset.remaining(self.selection.data, self._contributions.fit)
-
-
-def _replacement(odds: Mapping[Key, Odds], probability: Mapping[Key, float], own: Key) -> Group | None:
-    """Most probable rival with a law, if it is clearly more probable than the selected law."""
-    others = {key: x for key, x in probability.items() if key != own and not odds[key].best.claim.unknown}
-    first = max(others, key=lambda key: others[key], default=own)
-    needed = max(tuned.REPLACEMENT_RATIO * probability.get(own, 0.0), tuned.CAUSE_PROBABILITY)
-    return odds[first].best if others.get(first, 0.0) > needed else None
 
 
 def _admissible(rest: Selection, odds: Mapping[Key, Odds], logs: Mapping[Key, float], own: Key) -> dict[Key, float]:
@@ -235,24 +229,19 @@ def residual_energies(
     joints = set(data.rows(group))
     torque = {j: data.part(j, group) @ contributions.coefficients[group] for j in range(data.joints)}
     energy = {j: float(x @ x) for j, x in torque.items()}
-    least = odds[own].log - COMPARED_LOG_ODDS if own in odds else -np.inf
+    least = odds[own].log - tuned.COMPARED_LOG_ODDS if own in odds else -np.inf
     out = {own: max(sum(energy.values()), 1e-300)}
     for key, rival in odds.items():
-        twin, acted_on = _is_twin(posterior, group, rival.best), data.rows(rival.best)
-        if rival.best.claim.unknown or (rival.log < least and not twin) or joints.isdisjoint(acted_on):
+        claim, acted_on = rival.best.claim, data.rows(rival.best)
+        prior = posterior.evidence.coefficient_priors[rival.best]
+        twin = claim.key[1] == group.claim.key[1] and claim.kind in group.claim.laws[0].effect.twins
+        twin = twin and prior is not None and not prior.mean  # nearly indistinguishable at any size
+        if claim.unknown or (rival.log < least and not twin) or joints.isdisjoint(acted_on):
             continue
         elsewhere = sum(x for j, x in energy.items() if j not in acted_on)
-        if key != own and (twin or elsewhere < SAME_TORQUE_CHI2):
+        if key != own and (twin or elsewhere < tuned.SAME_TORQUE_CHI2):
             out[key] = elsewhere + _residual_energy(posterior, rival.best, torque)
     return out
-
-
-def _is_twin(posterior: Posterior, group: Group, rival: Group) -> bool:
-    """Whether a rival at the same place is nearly indistinguishable at any size, as its effect states."""
-    if rival.claim.key[1] != group.claim.key[1] or rival.claim.kind not in group.claim.laws[0].effect.twins:
-        return False
-    prior = posterior.evidence.coefficient_priors[rival]
-    return prior is not None and not prior.mean
 
 
 def _residual_energy(posterior: Posterior, rival: Group, torque: Mapping[int, Array]) -> float:

@@ -1,4 +1,4 @@
-"""Findings: the selected laws with numbers, places and alternatives, and the extended simulation."""
+"""Findings: the selected laws with numbers, places and alternatives, the extended simulation, and warnings on it."""
 
 from __future__ import annotations
 
@@ -11,40 +11,46 @@ import numpy as np
 from ...deadline import time_is_up
 from ...effects import EFFECTS
 from ...effects.base import TorqueLaw
-from ...effects.law import coefficient_count
+from ...effects.empirical import MOTION_VARIABLES, POINTS
+from ...effects.law import coefficient_count, law_columns
 from ...effects.naming import law_name, law_place
 from ...errors import shorten
+from ...estimation.fit_quality import MIN_R2, Fit
 from ...model import Model
 from ...regression.motion import Motion
 from ...regression.session import Session
 from ...simulation.excite.families import Fourier, random_parameters
 from ...simulation.excite.limits import build_limits
 from ...simulation.excite.separation import EQUAL_LAW_SHARE, law_distance, wide_columns, with_torque
+from ...simulation.rollout import RollOut
 from ...types import Array, Frozen, Law, Shape
-from ..data.column_groups import Group
+from .. import thresholds as tuned
 from ..data.dataset import Dataset
 from ..data.estimated_gains import EstimatedGain
 from ..data.hypotheses import VARIABLE_NAMES
 from ..data.locate import Location, locate
-from ..data.thresholds import FIRST_LOG_ODDS, NEXT_LOG_ODDS
+from ..data.noise import Noise
+from ..data.rows import Group
 from ..evidence.selection import Selection
-from ..extend.holdout import Prediction, predict
+from ..extend import Prediction, ResidualRows, fit_of, predict
 from ..result import Alternative, Finding, Unexplained, without_cause
-from ..search.stepwise import required_log_odds
+from ..search.stepwise import LAW_SEARCH, required_log_odds
 from .alternatives import Contender
 from .held_out_selection import ExtendedSimulation, select_on_held_out
 from .intervals import extended_covariance, standard_deviations
-from .ordinary import FORM_EFFECTS, beside_wrong_bodies, block_of, ordinary_findings, softened, without_vague
-from .stated import body_finding, reported_laws, stated_number_findings, stated_numbers, torque_share, total_law
-from .thresholds import (
-    AMBIGUOUS_WORDS,
-    CAUSE_PROBABILITY,
-    CHANGED_PROBABILITY,
-    MAX_MOTIONS,
-    MOTIONS_PER_FINDING,
-    PLAUSIBLE_PROBABILITY,
-    SURE_PROBABILITY,
-    VAGUE_DEVIATIONS,
+from .stated import (
+    FORM_EFFECTS,
+    beside_wrong_bodies,
+    block_of,
+    body_finding,
+    ordinary_findings,
+    reported_laws,
+    softened,
+    stated_number_findings,
+    stated_numbers,
+    torque_share,
+    total_law,
+    without_vague,
 )
 from .verdict import Verdict, undecided_words
 
@@ -56,6 +62,11 @@ Deviations = Mapping[Group, Sequence[Mapping[str, float]]]  # standard deviation
 MOTION_SEARCH, UNSEARCHED_NOTE = "the search for motions that separate alternatives", "not searched for: time was up"
 TRIED_MOTIONS, MOTION_DURATION, MOTION_RATE = 6, 8.0, 50.0  # random ones, [s], [Hz]
 MOTION_HARMONICS, AMPLITUDE_SHARES = 5, (0.3, 0.9)  # least and most share of the limits
+
+FALLBACK_FLAG = (
+    "the search was cut short, and with the laws found so far the held-out torque of {} is predicted worse than by the "
+    "given simulation: model.json holds the given simulation and the findings are leads; diagnose again with more time"
+)
 
 
 class Conclusions(NamedTuple):
@@ -91,6 +102,7 @@ def conclude(
     contenders = [_with_held_out(one, extended, stds, session.judges_itself) for one in contenders]
     verdict = _revised(verdict, contenders, extended, session.judges_itself)
     prediction = extended.prediction
+    before: Prediction | None = None
     if order or block:
         covariance = extended_covariance(prediction.model, selection, extended)
         prediction = prediction._replace(model=replace(prediction.model, covariance=covariance))
@@ -102,12 +114,15 @@ def conclude(
     if not verdict.causes and usual:
         verdict = replace(verdict, name="named" if verdict.name == "nothing_missing" else verdict.name)
     elif not verdict.causes:
-        known = dataset.model.misfit is not None
-        find = stated_number_findings if known or verdict.name == "unknown" else body_finding
-        stated = list(find(dataset, session, selection, extended))
+        before, known = predict(session, dataset.model), dataset.model.misfit is not None
+        if known or verdict.name == "unknown":
+            stated = list(stated_number_findings(dataset, before, selection, extended))
+            changed = known and any(finding.probability > tuned.CHANGED_PROBABILITY for finding in stated)
+        else:
+            stated = list(body_finding(dataset, before, selection, extended))
+            changed = bool(stated)
         findings = [*stated, *findings]
-        if find is body_finding and stated or known and any(one.probability > CHANGED_PROBABILITY for one in stated):
-            verdict = replace(verdict, name="named")
+        verdict = replace(verdict, name="named") if changed else verdict
     gains = [law.joints[0] for law in ordinary if isinstance(law.effect, EstimatedGain)]
     added = [law for law in ordinary if not isinstance(law.effect, EstimatedGain)]
     if usual or gains:
@@ -118,7 +133,7 @@ def conclude(
         prediction = without_vague(session, prediction, added, usual)
     judged = prediction
     if not any(finding.role == "cause" for finding in findings):  # numbers refitted beside no cause fit the noise
-        prediction = predict(session, given)
+        prediction = before if before is not None and given is dataset.model else predict(session, given)
         known = selection.evidence.informed or selection.prior_scale > 1  # else bodies deviate as they usually do
         judged = prediction if known else judged
         findings = [replace(finding, in_model=False, refused=finding.refused or UNCAUSED_FLAG) for finding in findings]
@@ -155,7 +170,7 @@ def _with_held_out(contender: Contender, extended: ExtendedSimulation, stds: Dev
 
 def _revised(verdict: Verdict, contenders: Sequence[Contender], extended: ExtendedSimulation, reused: bool) -> Verdict:
     """Revise the verdict by the held-out rows: drop improbable laws, promote corrections, demote causes."""
-    weak = {contender.group for contender in contenders if contender.probability < CAUSE_PROBABILITY}
+    weak = {contender.group for contender in contenders if contender.probability < tuned.CAUSE_PROBABILITY}
     for group in () if reused else (*verdict.causes, *verdict.secondary):
         refused = group not in extended.kept and extended.log_bayes[group] <= 0
         if refused and verdict.is_quiet(verdict.contributions.data.rows(group)):
@@ -166,7 +181,7 @@ def _revised(verdict: Verdict, contenders: Sequence[Contender], extended: Extend
 def _is_vague(law: Law, std: Mapping[str, float]) -> bool:
     """Whether every coefficient of a law is near zero, for its standard deviation."""
     keys = law.effect.linear()
-    return bool(keys) and all(abs(law.parameters[key]) < VAGUE_DEVIATIONS * std.get(key, 0.0) for key in keys)
+    return bool(keys) and all(abs(law.parameters[key]) < tuned.VAGUE_DEVIATIONS * std.get(key, 0.0) for key in keys)
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +198,7 @@ class _Reporter(Frozen):
 
     def findings(self, contenders: Sequence[Contender]) -> Iterator[Finding]:
         """One finding for each law of some hypotheses, with a limited number of separating motions."""
-        left = MAX_MOTIONS
+        left = tuned.MAX_MOTIONS
         for contender in contenders:
             for law, std in zip(self.extended.laws[contender.group], self.stds[contender.group], strict=True):
                 rivals = tuple(self.alternatives(contender, law, left))
@@ -196,7 +211,7 @@ class _Reporter(Frozen):
         """Finding of one law of a hypothesis."""
         dataset, selection, group = self.dataset, self.selection, contender.group
         in_model = group in self.extended.kept
-        usual = FIRST_LOG_ODDS if len(selection.selected) == 1 else NEXT_LOG_ODDS
+        usual = tuned.FIRST_LOG_ODDS if len(selection.selected) == 1 else tuned.NEXT_LOG_ODDS
         whole = total_law(law, dataset.model, self.extended.prediction.model if in_model else None)
         torque = dataset.torque(law)
         share = torque_share(torque, selection.data.scale)
@@ -221,10 +236,10 @@ class _Reporter(Frozen):
 
     def alternatives(self, contender: Contender, law: Law, most: int) -> Iterator[Alternative]:
         """Rivals of a law, the most probable first; at most `most` plausible ones with a separating motion."""
-        model, floor, most = self.dataset.model, self.selection.data.floor, min(most, MOTIONS_PER_FINDING)
+        model, floor, most = self.dataset.model, self.selection.data.floor, min(most, tuned.MOTIONS_PER_FINDING)
         for k, (probability, group) in enumerate(contender.rivals.values()):
             for rival in group.claim.laws[:1]:
-                sought = k < most and probability > PLAUSIBLE_PROBABILITY
+                sought = k < most and probability > tuned.PLAUSIBLE_PROBABILITY
                 motion = tell_apart(model, law, rival, floor, self.seed) if sought else ""
                 yield Alternative(rival, probability, motion)
 
@@ -267,11 +282,11 @@ def _flags(
         yield f"{shorten(out)} {explain} the training recordings, {why}: {are} not in the extended simulation"
     for finding in findings:
         named_above = not finding.in_model
-        unsure = finding.probability < SURE_PROBABILITY and not named_above and not finding.ordinary
+        unsure = finding.probability < tuned.SURE_PROBABILITY and not named_above and not finding.ordinary
         if finding.role == "cause" and unsure and verdict.name == "named":
             rivals = ", ".join(f"{law_name(a.law, robot)} ({a.probability:.0%})" for a in finding.alternatives[:3])
             yield (
-                f"{law_name(finding.law, robot)} {AMBIGUOUS_WORDS} "
+                f"{law_name(finding.law, robot)} {tuned.AMBIGUOUS_WORDS} "
                 f"({finding.probability:.0%}); the others: {rivals or 'no effect of the library'}"
             )
 
@@ -283,13 +298,20 @@ def tell_apart(model: Model, law: Law, rival: Law, floor: Array, seed: int) -> s
     """
     if time_is_up(MOTION_SEARCH):
         return UNSEARCHED_NOTE
-    tried = [(*_distance(law, rival, floor, motion), motion) for motion in _motions(model, seed)]
+    usual = [Law(effect, (j,)) for effect in EFFECTS if effect.usual and effect is not law.effect for j in law.joints]
+    tried = [  # with the usual laws fitted beside, at the joints of the first law
+        (*law_distance(law, rival, motion, wide_columns(usual, motion), floor), motion)
+        for motion in _motions(model, seed)
+    ]
     left, share, motion = max(tried, key=lambda t: t[0])
     if max(s for _, s, _ in tried) < EQUAL_LAW_SHARE:
-        if _is_wider(rival, law):
+        torques = all(isinstance(x.effect, TorqueLaw) for x in (rival, law)) and rival.joints == law.joints
+        if torques and coefficient_count(rival) > coefficient_count(law):
             return f"no motion can distinguish them: it does what {law.effect.name} does, by more numbers"
         return "no motion can distinguish them; another sensor or a known load is needed"
-    joint = _widest(model, motion, (*law.joints, *rival.joints))
+    acting = (*law.joints, *rival.joints)
+    joints = acting if len(acting) < len(model.robot.joints) else range(len(model.robot.joints))
+    joint = max(joints, key=lambda j: float(np.ptp(motion.q[:, j])))
     unit, names = "m" if model.robot.prismatic[joint] else "rad", ",".join(_written(model, x) for x in (law, rival))
     q, v = motion.q[:, joint], motion.v[:, joint]
     return (
@@ -297,12 +319,6 @@ def tell_apart(model: Model, law: Law, rival: Law, floor: Array, seed: int) -> s
         f"{unit}/s, all joints moving: a random motion of {MOTION_DURATION:g} s sets them {np.sqrt(left):.2g} standard "
         f"deviations apart; signid excite ROBOT --separate {names} finds a better one"
     )
-
-
-def _is_wider(rival: Law, law: Law) -> bool:
-    """Whether a torque at the same joint has more numbers, so that it is the other one when some are zero."""
-    alike = all(isinstance(one.effect, TorqueLaw) for one in (rival, law)) and rival.joints == law.joints
-    return alike and coefficient_count(rival) > coefficient_count(law)
 
 
 def _motions(model: Model, seed: int) -> list[Motion]:
@@ -314,19 +330,110 @@ def _motions(model: Model, seed: int) -> list[Motion]:
     return [with_torque(model, family.sample(robot.joints, x, t)) for x in drawn]
 
 
-def _distance(law: Law, rival: Law, floor: Array, motion: Motion) -> tuple[float, float]:
-    """Distance of two laws while the usual laws are fitted at the joints of the first, and its share."""
-    beside = [Law(effect, (j,)) for effect in EFFECTS if effect.usual and effect is not law.effect for j in law.joints]
-    return law_distance(law, rival, motion, wide_columns(beside, motion), floor)
-
-
-def _widest(model: Model, motion: Motion, joints: tuple[int, ...]) -> int:
-    """The one of some joints that moves over most of its range."""
-    few = joints if len(joints) < len(model.robot.joints) else range(len(model.robot.joints))
-    return max(few, key=lambda j: float(np.ptp(motion.q[:, j])))
-
-
 def _written(model: Model, law: Law) -> str:
     joint, values = law_place(law, model.robot)
     where = "" if joint is None or law.effect.scope == "tip" else f"@{joint}"
     return f"{law.effect.name}{where}" + (f":partner={values['partner']}" if "partner" in values else "")
+
+
+def add_empirical_torque(session: Session, result: Conclusions) -> Conclusions:
+    """Add a piecewise linear torque for unexplained torque to the simulation where it predicts the held-out rows."""
+    prediction, out, laws = result.prediction, list[Unexplained](), list[Law]()
+    for one in result.unexplained:
+        if one.place.variable not in MOTION_VARIABLES:
+            out.append(one)
+            continue
+        law = _empirical_law(prediction.train, one)
+        x, y = _columns(prediction.train, law), np.nan_to_num(prediction.train.residual[:, one.joint])
+        gram = x.T @ x
+        value = np.linalg.solve(
+            gram + tuned.CORRELATED_ROWS * np.eye(len(gram)), x.T @ y
+        )  # ridge: shrunk where rows are few
+        held_out = np.nan_to_num(prediction.held_out.residual[:, one.joint])
+        after = held_out - _columns(prediction.held_out, law) @ value
+        gain = 1 - float(after @ after) / max(float(held_out @ held_out), 1e-300)
+        modelled = gain > tuned.EMPIRICAL_GAIN and not session.judges_itself
+        if modelled:
+            values = {f"value_{k}": float(v) for k, v in zip(POINTS, value, strict=True)}
+            laws.append(replace(law, parameters={**law.parameters, **values}))
+        out.append(replace(one, held_out_gain=gain, modelled=modelled))
+    if laws:
+        prediction = predict(session, replace(prediction.model, laws=(*prediction.model.laws, *laws)))
+    return result._replace(prediction=prediction, unexplained=tuple(out))
+
+
+def keep_given_if_worse(given: Prediction, result: Conclusions, noise: Noise, floor: Array) -> Conclusions:
+    """Keep the given simulation, with a flag, if a search that was cut short predicts some joint worse.
+
+    floor: (n,) [N.m or N] rms of white measurement noise in the band.
+    """
+    if not time_is_up(LAW_SEARCH):
+        return result
+    before, after = fit_of(given, noise, floor), fit_of(result.prediction, noise, floor)
+    worse = [joint for k, joint in enumerate(after.joints) if _is_worse(before, after, k)]
+    if not worse:
+        return result
+    unexplained = tuple(replace(one, modelled=False) for one in result.unexplained)
+    flag = FALLBACK_FLAG.format(", ".join(worse))
+    return result._replace(prediction=given, unexplained=unexplained, flags=(*result.flags, flag))
+
+
+def holdout_warnings(before: Fit, after: Fit) -> Iterator[str]:
+    """One sentence for each joint that is predicted worse than before, or hardly at all."""
+    for k, joint in enumerate(after.joints):
+        then, now = before.held_out_rms[k], after.held_out_rms[k]
+        if _is_worse(before, after, k):
+            yield (
+                f"the torque of {joint} on held-out recordings is predicted worse than before "
+                f"({then:.3g} -> {now:.3g} {after.unit[k]}): do not use the extended simulation for it"
+            )
+        elif after.held_out_r2[k] < MIN_R2 and now > tuned.LOUD_RATIO * after.irreducible_rms[k]:
+            yield (
+                f"the extended simulation still predicts little of the torque of {joint} on held-out recordings "
+                f"(R2 {after.held_out_r2[k]:.2f}): what is missing there was not found"
+            )
+
+
+def _is_worse(before: Fit, after: Fit, k: int) -> bool:
+    now = after.held_out_rms[k]
+    return bool(now > tuned.WORSE_RMS * before.held_out_rms[k] and now > tuned.LOUD_RATIO * after.irreducible_rms[k])
+
+
+def _empirical_law(rows: ResidualRows, one: Unexplained) -> Law:
+    """Empirical law without values, with knots between quantiles and equal distances of the variable."""
+    index = MOTION_VARIABLES.index(one.place.variable)
+    motions = [piece.motion for piece in rows.pieces]
+    signal = np.concatenate([(m.q, m.v, m.a, m.load)[index][:, one.joint] for m in motions])
+    share = np.linspace(0, 1, len(POINTS))
+    knots = (np.quantile(signal, share) + signal.min() + share * np.ptp(signal)) / 2  # near the rows, but not too close
+    knots = knots + np.arange(len(knots)) * 1e-9 * max(float(np.ptp(signal)), 1e-9)  # keeps knots distinct
+    shape = {f"knot_{k}": float(x) for k, x in zip(POINTS, knots, strict=True)}
+    return Law(EFFECTS["empirical"], (one.joint,), {"variable": float(index), **shape})
+
+
+def _columns(rows: ResidualRows, law: Law) -> Array:
+    """(M, k) low-passed columns of the law at its joint [1]."""
+    return np.concatenate([rows.thin(law_columns(law, piece.motion)[1][:, 0]) for piece in rows.pieces])
+
+
+def rollout_warnings(before: RollOut | None, after: RollOut | None) -> Iterator[str]:
+    """One sentence for each joint whose simulation by the extended model leaves the held-out motion faster.
+
+    A joint counts where its median error at the end of the windows grew by the factor `WORSE_ROLLOUT`, and the mean log
+    ratio over windows is positive by `SURE_ERRORS` standard errors.
+    """
+    if before is None or after is None:
+        return
+    horizon = max(after.horizons)
+    errors = [np.clip(np.abs(one.end(horizon)), 1e-12, 1e12) for one in (before, after)]
+    for k, joint in enumerate(after.joints):
+        first, last = (error[:, k] for error in errors)
+        if len(first) < tuned.MIN_WINDOWS or np.isnan(last).any():
+            continue
+        ratio, grown = np.log(last / first), float(np.median(last) / np.median(first))
+        if grown > tuned.WORSE_ROLLOUT and ratio.mean() > tuned.SURE_ERRORS * ratio.std() / np.sqrt(len(ratio)):
+            yield (
+                f"the extended simulation leaves the held-out motion of {joint} faster than the given one (median "
+                f"error of roll-outs of {horizon:g} s: {grown:.2f} times); simulate {joint} with care, and record more "
+                f"motions"
+            )

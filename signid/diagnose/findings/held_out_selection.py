@@ -12,15 +12,14 @@ from ...deadline import time_is_up
 from ...model import Model
 from ...regression.session import Session
 from ...types import Array, Frozen, Law, Mask
-from ..data.column_groups import Group
+from .. import thresholds as tuned
+from ..data.dataset import Fitted, columns_of
 from ..data.estimated_gains import as_given
 from ..data.hypotheses import is_transient
-from ..data.whitened_rows import Fitted, columns_of
+from ..data.rows import Group
 from ..evidence.selection import Selection
-from ..extend.extend import extend, read_laws
-from ..extend.holdout import Prediction, ResidualRows, predict, residual_rows
+from ..extend import Prediction, ResidualRows, extend, predict, read_laws, residual_rows
 from ..search.stepwise import LAW_SEARCH
-from . import thresholds as tuned
 
 RefitBlock = tuple[Group, ...]  # stated numbers that are refitted together: all bodies, or the laws of some joints
 

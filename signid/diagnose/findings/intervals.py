@@ -14,18 +14,17 @@ from ...model import Model
 from ...regression.base_parameters import Covariance, base_covariance, build_base
 from ...robot.dynamics import own_body
 from ...types import INERTIAL, Array, Coefficient, Indices, Law
-from ..data.column_groups import Group
-from ..data.dataset import Dataset
+from ..data.dataset import Dataset, Fitted, columns_of, solve, total
 from ..data.hypotheses import is_refitted
 from ..data.motions import torque_of
 from ..data.noise import has_full_window
-from ..data.whitened_rows import Fitted, columns_of, solve, total
+from ..data.rows import Group
 from ..evidence.prior import law_parameter_columns, parameter_columns
 from ..evidence.selection import Selection
 from ..search.contributions import measure_contributions
 from ..search.stepwise import inflated_dispersion
+from ..thresholds import BLOCK_PERIODS, MAX_JACKKNIFE_PARTS
 from .held_out_selection import ExtendedSimulation
-from .thresholds import BLOCK_PERIODS, MAX_JACKKNIFE_PARTS
 
 DIFFERENCE_STEP = 1e-3  # of the central differences, over the number [1]
 MIN_COEFFICIENT_SIZE, MIN_SHAPE_SIZE = 1e-3, 1e-6  # in that step [its unit]

@@ -12,15 +12,14 @@ from ...faults.evidence import judge_amount
 from ...regression.projection import leave
 from ...regression.session import Session
 from ...types import Array, Frozen, Mask
-from ..data.column_groups import Group
+from .. import thresholds as tuned
 from ..data.dataset import Dataset
-from ..data.noise import has_full_window
-from ..data.whitening import weights
+from ..data.noise import has_full_window, weights
+from ..data.rows import Group
 from ..evidence.selection import Posterior, Selection
-from ..extend.holdout import ResidualRows
+from ..extend import ResidualRows
 from ..result import MUCH_SHARE
 from ..search.contributions import Contributions, measure_contributions
-from . import thresholds as tuned
 from .alternatives import Contender
 
 
@@ -100,7 +99,9 @@ def decide_verdict(dataset: Dataset, selection: Selection, contenders: Sequence[
     bare = measure_contributions(evidence, (), selection.dispersion, evidence.prior_scale((), selection.dispersion))
     residual, given = (dataset.remaining(data, one.fit) for one in (contributions, bare))
     after, before = (_excess(dataset, data.counts, one) for one in (residual, given))
-    clear = _clearest_dependence(selection, before)
+    unknown = (odds for odds in selection.first.values() if odds.best.claim.unknown)
+    # largest log odds of a dependence without law, at joints with an excess [-]
+    clear = max((odds.log for odds in unknown if np.any(before[data.rows(odds.best)] > 0)), default=-np.inf)
     scale = np.maximum(data.scale, tuned.MIN_JOINT_SHARE * data.scale.max())
     tolerated = (tuned.TOLERATED_DISCREPANCY * scale / noise.saturated_floor) ** 2
     correlated = np.maximum(noise.innovation / noise.floor, 1.0)  # of a known misfit
@@ -125,13 +126,6 @@ def decide_verdict(dataset: Dataset, selection: Selection, contenders: Sequence[
         named = _explain(causes, (whole, after, threshold), by_group[causes[0]])
         name = "named" if named else "unknown"
     return Verdict(name, causes, secondary, before, after, threshold, contributions, tuple(ranked))
-
-
-def _clearest_dependence(selection: Selection, before: Array) -> float:
-    """Largest log odds of a dependence without law, at joints with an excess (n,) [-]."""
-    unknown = (o for o in selection.first.values() if o.best.claim.unknown)
-    rows = selection.data.rows
-    return max((o.log for o in unknown if np.any(before[rows(o.best)] > 0)), default=-np.inf)
 
 
 def _excess(dataset: Dataset, counts: Array, residual: Array) -> Array:

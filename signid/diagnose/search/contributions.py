@@ -10,11 +10,11 @@ import numpy as np
 from scipy.special import stdtr
 
 from ...types import Array, Frozen, Indices
-from ..data.column_groups import Group
-from ..data.thresholds import GAIN_BLOCKS, MIN_GAIN_BLOCKS, MIN_TEST_PROBABILITY, PRIOR_NOTHING
-from ..data.whitened_rows import Factor, Fitted, Whitened
+from ..data.dataset import Fitted, Whitened
+from ..data.rows import Group
 from ..evidence.bayes_factors import Evidence
 from ..evidence.selection import Posterior
+from ..thresholds import GAIN_BLOCKS, MIN_GAIN_BLOCKS, MIN_TEST_PROBABILITY, PRIOR_NOTHING
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,17 +61,15 @@ def residual_growth(contributions: Contributions) -> dict[Group, Array]:
     for factor in fit.factors:
         which = fit.which[factor.place]
         places = {g: np.flatnonzero(which == g.start)[0] + np.arange(g.size) for g in laws if g.start in which}
-        if places:
-            steps = [_step(factor, at, laws[group]) for group, at in places.items()]
-            growth = np.maximum(_growth(contributions, which, np.column_stack(steps)), 0.0)
-            out |= dict(zip(places, growth, strict=True))
+        if not places:
+            continue
+        steps = list[Array]()  # (f,) each: decrease of the coefficients of the factor where those of a law become zero
+        for group, at in places.items():
+            below = factor.forward(np.eye(len(factor.place))[:, at])
+            steps.append(factor.backward(below @ np.linalg.solve(below.T @ below, laws[group])[:, None])[:, 0])
+        growth = np.maximum(_growth(contributions, which, np.column_stack(steps)), 0.0)
+        out |= dict(zip(places, growth, strict=True))
     return {group: out[group] for group in laws}
-
-
-def _step(factor: Factor, own: Indices, value: Array) -> Array:
-    """(f,) decrease of the coefficients of a factor where some of them, with this value, become zero."""
-    below = factor.forward(np.eye(len(factor.place))[:, own])
-    return np.asarray(factor.backward(below @ np.linalg.solve(below.T @ below, value)[:, None])[:, 0])
 
 
 def _growth(contributions: Contributions, which: Indices, steps: Array) -> Array:

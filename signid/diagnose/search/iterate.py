@@ -14,32 +14,19 @@ from ...effects.law import law_torque
 from ...model import Model
 from ...regression.motion import Motion
 from ...types import Array, Law, Robot
-from ..data.column_groups import dry_friction
-from ..data.dataset import Dataset, append
+from .. import thresholds as tuned
+from ..data.dataset import Dataset, append, whitened
 from ..data.estimated_gains import EstimatedGain
 from ..data.hypotheses import Hypothesis, Key, is_transient
 from ..data.motions import bodies_without_rotors
-from ..data.rows import columns_along
-from ..data.thresholds import (
-    CORRECTION_SHARE,
-    DISCREPANCY_SCALE,
-    MAX_ADDED_LAWS,
-    MODEL_ERROR,
-    NOISE_ERROR,
-    NOISE_ROUNDS,
-    RELEVANT_CHI2,
-    RELINEARISATION_ROUNDS,
-    WINDOWS_PER_ROW,
-)
-from ..data.whitened_rows import whitened
+from ..data.rows import columns_along, dry_friction
 from ..evidence.bayes_factors import Evidence
 from ..evidence.likelihood import Likelihood, update_noise
 from ..evidence.selection import Posterior, Selection
-from ..extend.extend import inertial_places, read_laws
+from ..extend import inertial_places, read_laws
 from ..result import Diagnosis
-from .contact_window import CONTACT_EFFECT as CONTACT, find_contact
 from .contributions import measure_contributions
-from .shape_optimisation import optimise_shapes
+from .shapes import CONTACT_EFFECT as CONTACT, find_contact, optimise_shapes
 from .stepwise import LAW_SEARCH, inflated_dispersion, initial_selection, log_posterior, log_prior_odds, stepwise_search
 
 DISAGREEMENT_FLAG = (
@@ -72,7 +59,7 @@ def select(dataset: Dataset, posterior: Posterior, skip: Sequence[str], referenc
     conditions = _Conditions(skip, reference)
     first = about, selection = _select(dataset, posterior, conditions)
     dataset, names = about, set[Key]()
-    for _ in range(RELINEARISATION_ROUNDS):
+    for _ in range(tuned.RELINEARISATION_ROUNDS):
         if time_is_up(LAW_SEARCH):
             return SearchResult(*first)
         new = relinearise(dataset, about, selection)
@@ -82,7 +69,9 @@ def select(dataset: Dataset, posterior: Posterior, skip: Sequence[str], referenc
         selection = _search(about, _with_rows(selection.posterior, new), conditions, selection)
         if time_is_up(LAW_SEARCH):
             return SearchResult(*first)
-        if len(selection.selected) > len(first[1].selected) + MAX_ADDED_LAWS:  # diverges from a wrong expansion point
+        if (
+            len(selection.selected) > len(first[1].selected) + tuned.MAX_ADDED_LAWS
+        ):  # diverges from a wrong expansion point
             break
     else:
         if _names(selection) == names:
@@ -108,11 +97,16 @@ def _select(dataset: Dataset, posterior: Posterior, conditions: _Conditions) -> 
     if dataset.model.misfit is not None:
         return _beside_misfit(dataset, selection, conditions)
     best, highest, refit_best = (dataset, selection), -np.inf, False
-    for _ in range(NOISE_ROUNDS):
+    for _ in range(tuned.NOISE_ROUNDS):
         if time_is_up(LAW_SEARCH):
             break
         updated = replace(dataset, noise=update_noise(dataset, selection))
-        if (score := _score(updated, selection)) <= highest:
+        # log posterior density of the laws and of the noise estimated beside them, up to a constant [-]
+        data = selection.data
+        rows = Likelihood(updated, replace(selection, dispersion=np.ones(data.joints))).density()
+        half_cauchy = np.log1p((updated.noise.discrepancy / data.scale / tuned.DISCREPANCY_SCALE) ** 2)
+        score = rows - float(np.sum(half_cauchy)) + log_prior_odds(selection)
+        if score <= highest:
             break
         posterior = _with_rows(posterior, updated)
         laws = [law for group in selection.selected for law in group.claim.laws]
@@ -125,12 +119,19 @@ def _select(dataset: Dataset, posterior: Posterior, conditions: _Conditions) -> 
         if _names(again) == _names(selection):
             return updated, again
         dataset, selection = updated, again
-    return (best[0], _under_noise(*best, conditions)) if refit_best else best
+    if not refit_best:
+        return best
+    dataset, selection = best  # the same laws, fitted under the noise of the dataset
+    start = {group: selection.log_odds[group] for group in selection.selected}
+    posterior = _with_shapes(dataset, selection.posterior, selection)
+    kept = initial_selection(posterior, _expected(posterior, conditions.reference), start)
+    kept = replace(kept, first=kept.posterior.odds((), kept.dispersion)[0])
+    return dataset, optimise_shapes(dataset, kept)
 
 
 def _beside_misfit(dataset: Dataset, selection: Selection, conditions: _Conditions) -> tuple[Dataset, Selection]:
     """Alternate search and growth of the known misfit until the laws stay."""
-    for _ in range(NOISE_ROUNDS):
+    for _ in range(tuned.NOISE_ROUNDS):
         if time_is_up(LAW_SEARCH):
             break
         updated = replace(dataset, noise=update_noise(dataset, selection))
@@ -144,22 +145,6 @@ def _beside_misfit(dataset: Dataset, selection: Selection, conditions: _Conditio
     return dataset, selection
 
 
-def _score(dataset: Dataset, selection: Selection) -> float:
-    """Log posterior density of the selected laws and of the noise estimated beside them, up to a constant [-]."""
-    data = selection.data
-    rows = Likelihood(dataset, replace(selection, dispersion=np.ones(data.joints))).density()
-    half_cauchy = float(np.sum(np.log1p((dataset.noise.discrepancy / data.scale / DISCREPANCY_SCALE) ** 2)))
-    return rows - half_cauchy + log_prior_odds(selection)
-
-
-def _under_noise(dataset: Dataset, selection: Selection, conditions: _Conditions) -> Selection:
-    """The same laws, fitted under the noise of a dataset."""
-    start = {group: selection.log_odds[group] for group in selection.selected}
-    posterior = _with_shapes(dataset, selection.posterior, selection)
-    kept = initial_selection(posterior, _expected(posterior, conditions.reference), start)
-    return optimise_shapes(dataset, replace(kept, first=kept.posterior.odds((), kept.dispersion)[0]))
-
-
 def _search(
     dataset: Dataset, posterior: Posterior, conditions: _Conditions, before: Selection | None = None
 ) -> Selection:
@@ -169,7 +154,7 @@ def _search(
     if before is None:
         scale = posterior.evidence.prior_scale((), expected)
         mean_square = measure_contributions(posterior.evidence, (), expected, scale).mean_square
-        expected = np.maximum(expected, NOISE_ERROR * mean_square)
+        expected = np.maximum(expected, tuned.NOISE_ERROR * mean_square)
     start = {} if before is None else {group: before.log_odds[group] for group in before.selected}
     selection = stepwise_search(posterior, expected, start)
     if before is not None and start and _names(selection) != _names(before):
@@ -191,7 +176,7 @@ def _without_corrections(dataset: Dataset, selection: Selection) -> Selection:
         joints = set(selection.data.rows(group))
         beside = [g for g in selection.selected if g is not group and not joints.isdisjoint(selection.data.rows(g))]
         shaped = [g for g in beside if g.claim.finite or any(x.effect.shape(x.parameters) for x in g.claim.laws)]
-        if any(share[group].max() < CORRECTION_SHARE * share[g].max() for g in shaped):
+        if any(share[group].max() < tuned.CORRECTION_SHARE * share[g].max() for g in shaped):
             rest = optimise_shapes(dataset, selection.without(group), joints)
             selection = rest if log_posterior(rest) >= log_posterior(selection) else selection
     return selection
@@ -212,7 +197,7 @@ def _with_shapes(dataset: Dataset, posterior: Posterior, before: Selection) -> P
 def _expected(posterior: Posterior, reference: Diagnosis | None) -> Array:
     """(n,) variance of the whitened residual without any law [1]; at least that of the healthy reference."""
     data = posterior.evidence.data
-    expected = NOISE_ERROR * (1 + (MODEL_ERROR * data.scale / data.floor) ** 2)
+    expected = tuned.NOISE_ERROR * (1 + (tuned.MODEL_ERROR * data.scale / data.floor) ** 2)
     if reference is None:
         return np.asarray(expected)
     return np.asarray(np.maximum(expected, (reference.after.train_rms / reference.after.irreducible_rms) ** 2))
@@ -228,7 +213,7 @@ def _with_contact(dataset: Dataset, selection: Selection) -> Selection:
     dispersion, columns = inflated_dispersion(selection), dataset.columns(window)
     fit = selection.evidence.fit(selection.selected, dispersion, selection.prior_scale)
     odds = selection.posterior.candidate_log_odds(fit, dispersion, window, columns, dataset.whitening(columns))
-    if odds is None or odds <= np.log(WINDOWS_PER_ROW * len(selection.data)):
+    if odds is None or odds <= np.log(tuned.WINDOWS_PER_ROW * len(selection.data)):
         return selection
     data, _ = append(dataset, selection.data, window)
     evidence = replace(selection.evidence, data=data)
@@ -261,7 +246,10 @@ def relinearise(dataset: Dataset, about: Dataset, selection: Selection) -> Datas
     inertials, places = dataset.model.inertials, inertial_places(selection.data.refitted, fit)
     if len(places):
         inertials = inertials + fit.value[places].reshape(inertials.shape)
-    robot = _loaded(dataset.model, laws, inertials)
+    changes = tuple(law for law in laws if isinstance(law.effect, BodyLaw))
+    whole = bodies_without_rotors(Model(dataset.model.robot, inertials, (*dataset.model.laws, *changes)))
+    whole.gravity = dataset.model.bodies().gravity  # a base tilt has columns of its own
+    robot = replace(dataset.model.robot, model=whole)
     new = replace(dataset, pieces=tuple(p._replace(motion=_about(p.motion, robot, laws)) for p in dataset.pieces))
     if any(np.any(n.motion.inertia <= 0) for n in new.pieces) and all(
         np.all(o.motion.inertia > 0) for o in dataset.pieces
@@ -272,7 +260,7 @@ def relinearise(dataset: Dataset, about: Dataset, selection: Selection) -> Datas
         old, updated = about.columns(claim), new.columns(claim)
         for j, x in dataset.whitening({j: updated[j] - old[j] for j in updated}).items():
             off[j] += x @ step
-    if not np.sum(off**2, axis=1) @ (1 / selection.dispersion) > RELEVANT_CHI2:
+    if not np.sum(off**2, axis=1) @ (1 / selection.dispersion) > tuned.RELEVANT_CHI2:
         return None
     dry = dry_friction(dataset.model, dataset.pieces)
     try:
@@ -280,14 +268,6 @@ def relinearise(dataset: Dataset, about: Dataset, selection: Selection) -> Datas
     except OutOfTimeError:
         return None
     return replace(new, table=replace(dataset.table, place=place, columns=columns))
-
-
-def _loaded(model: Model, laws: Sequence[Law], inertials: Array) -> Robot:
-    """The robot with other bodies and with the body laws; a base tilt is left out, since it has columns of its own."""
-    changes = tuple(law for law in laws if isinstance(law.effect, BodyLaw))
-    whole = bodies_without_rotors(Model(model.robot, inertials, (*model.laws, *changes)))
-    whole.gravity = model.bodies().gravity
-    return replace(model.robot, model=whole)
 
 
 def _about(motion: Motion, robot: Robot, laws: Sequence[Law]) -> Motion:

@@ -12,33 +12,13 @@ from ...effects.base import ActuatorLaw
 from ...regression.projection import least_squares, leave
 from ...regression.session import Session
 from ...types import INERTIAL, Array, Law
-from ..data.column_groups import Group
-from ..data.dataset import Dataset
+from .. import thresholds as tuned
+from ..data.dataset import Dataset, Fitted, columns_of
 from ..data.hypotheses import Key
-from ..data.thresholds import (
-    ACTUATOR_RANGE,
-    EXCHANGE_LOG_ODDS,
-    FIRST_LOG_ODDS,
-    IMITATED_LOG_ODDS,
-    IMITATED_SHARE,
-    INERTIAL_VIOLATION,
-    INFEASIBLE_CHI2,
-    MAX_INFLATION,
-    MAX_SELECTED_LAWS,
-    MIN_LAW_TORQUE_SHARE,
-    NEXT_LOG_ODDS,
-    ON_OFF_RANGE,
-    PRIOR_NOTHING,
-    REDUNDANT_SHARE,
-    SHAPE_ERROR,
-    SIGNIFICANT_CHI2,
-    UNTRUSTED_LOG_ODDS,
-)
-from ..data.whitened_rows import Fitted, columns_of
+from ..data.rows import Group
 from ..evidence.prior import CoefficientPrior
 from ..evidence.selection import Odds, Posterior, Selection
-from ..extend.extend import extend, has_possible_numbers, is_possible, nearest_bodies, read_laws
-from ..extend.holdout import residual_rows
+from ..extend import extend, has_possible_numbers, is_possible, nearest_bodies, read_laws, residual_rows
 from .contributions import measure_contributions, residual_growth
 
 LAW_SEARCH = "the search for laws"  # name of the search in messages about time limits
@@ -55,24 +35,26 @@ def stepwise_search(posterior: Posterior, dispersion: Array, start: Mapping[Grou
     first, trusted = posterior.odds((), inflated_dispersion(selection))
     odds, seen = first, list[set[Group]]()
     if start:
-        selection = _exchanged(initial_selection(posterior, dispersion, start), EXCHANGE_LOG_ODDS)
-    for step in range(MAX_SELECTED_LAWS):
+        selection = _exchanged(initial_selection(posterior, dispersion, start), tuned.EXCHANGE_LOG_ODDS)
+    for step in range(tuned.MAX_SELECTED_LAWS):
         show_step(f"weighing laws beside {len(selection.selected)} selected", 1 - 0.7 ** (step + 1))
         if selection.selected:
             odds, trusted = posterior.odds(selection.selected, inflated_dispersion(selection))
-        chosen = _best_candidate(selection, odds, trusted, NEXT_LOG_ODDS if selection.selected else FIRST_LOG_ODDS)
+        chosen = _best_candidate(
+            selection, odds, trusted, tuned.NEXT_LOG_ODDS if selection.selected else tuned.FIRST_LOG_ODDS
+        )
         if chosen is None or time_is_up(LAW_SEARCH):
             break
         selection = larger = _with(selection, chosen)
         if len(selection.selected) > 1:
             acted_on = selection.data.rows(chosen.best)
-            selection = _exchanged(_simplified(selection), EXCHANGE_LOG_ODDS, acted_on)
+            selection = _exchanged(_simplified(selection), tuned.EXCHANGE_LOG_ODDS, acted_on)
         selection = larger if set(selection.selected) in seen else selection  # the exchange would cycle
         if set(selection.selected) in seen:
             break
         seen.append(set(selection.selected))
     for _ in range(0 if time_is_up(LAW_SEARCH) else 2):
-        before, selection = selection.selected, _exchanged(_simplified(selection), EXCHANGE_LOG_ODDS / 2)
+        before, selection = selection.selected, _exchanged(_simplified(selection), tuned.EXCHANGE_LOG_ODDS / 2)
         if before == selection.selected:
             break
     return replace(selection, first=first)
@@ -88,7 +70,7 @@ def log_posterior(selection: Selection) -> float:
 def log_prior_odds(selection: Selection) -> float:
     """Log prior odds of a selection against no law [-]."""
     priors = (selection.posterior.priors.get(group.claim.key, 0.0) for group in selection.selected)
-    return sum(priors) - len(selection.selected) * float(np.log(PRIOR_NOTHING))
+    return sum(priors) - len(selection.selected) * float(np.log(tuned.PRIOR_NOTHING))
 
 
 def initial_selection(posterior: Posterior, dispersion: Array, start: Mapping[Group, float]) -> Selection:
@@ -101,7 +83,7 @@ def initial_selection(posterior: Posterior, dispersion: Array, start: Mapping[Gr
     return Selection(posterior, tuple(log), log, dispersion, scale)
 
 
-def inflated_dispersion(selection: Selection, most: float = MAX_INFLATION) -> Array:
+def inflated_dispersion(selection: Selection, most: float = tuned.MAX_INFLATION) -> Array:
     """(n,) variance of the whitened residual [1], inflated by formula errors of the selected laws.
 
     The upper bound is `most` times the mean square of the residual.
@@ -110,7 +92,7 @@ def inflated_dispersion(selection: Selection, most: float = MAX_INFLATION) -> Ar
     if not selection.selected:
         return dispersion
     contributions = measure_contributions(selection.evidence, selection.selected, dispersion, selection.prior_scale)
-    inflated = dispersion + SHAPE_ERROR**2 * sum(residual_growth(contributions).values())
+    inflated = dispersion + tuned.SHAPE_ERROR**2 * sum(residual_growth(contributions).values())
     return np.maximum(dispersion, np.minimum(inflated, most * contributions.mean_square))
 
 
@@ -124,9 +106,9 @@ def required_log_odds(
     """
     if trusted >= 0.5 or posterior.evidence.informed or group.claim.bodies.intersection(violated):
         return usual
-    if posterior.evidence.imitated(group) > IMITATED_SHARE:
-        return max(usual, IMITATED_LOG_ODDS)
-    return max(usual, UNTRUSTED_LOG_ODDS) if count == 0 else usual
+    if posterior.evidence.imitated(group) > tuned.IMITATED_SHARE:
+        return max(usual, tuned.IMITATED_LOG_ODDS)
+    return max(usual, tuned.UNTRUSTED_LOG_ODDS) if count == 0 else usual
 
 
 def present_laws(selection: Selection) -> set[Key]:
@@ -192,10 +174,10 @@ def _exchange(selection: Selection, group: Group, better: float) -> Selection:
     own = odds.get(group.claim.key)
     log = own.log if own is not None else -np.inf
     likelier = {key: o for key, o in odds.items() if o.best.claim.laws and o.log > log + better}
-    rival = _best_candidate(rest, likelier, trusted, NEXT_LOG_ODDS) if likelier else None
+    rival = _best_candidate(rest, likelier, trusted, tuned.NEXT_LOG_ODDS) if likelier else None
     if rival is not None:
         return _with(rest, rival)
-    if log < required_log_odds(posterior, group, trusted, len(rest.selected), NEXT_LOG_ODDS, links):
+    if log < required_log_odds(posterior, group, trusted, len(rest.selected), tuned.NEXT_LOG_ODDS, links):
         return rest
     return _with(rest, own) if own is not None and own.best is not group else selection
 
@@ -222,23 +204,18 @@ def prune(dataset: Dataset, session: Session, selection: Selection) -> Selection
 
     The residual is that of the extended simulation, since laws change each other's torque.
     """
-    selection = _significant(_possible(selection))
-    while selection.selected and not time_is_up(LAW_SEARCH):
-        worst, harm = max(_training_harm(dataset, session, selection).items(), key=lambda item: item[1])
-        if harm <= 0:
-            return selection
-        selection = selection.without(worst)
-    return selection
-
-
-def _possible(selection: Selection) -> Selection:
-    """Drop laws whose numbers became impossible beside the others, the least probable first."""
-    while selection.selected:
+    while selection.selected:  # impossible beside the others, the least probable first
         fit = selection.fit()
         wrong = [group for group in selection.selected if not has_possible_numbers(group, fit.value[fit.place(group)])]
         if not wrong:
             break
         selection = selection.without(min(wrong, key=lambda group: selection.log_odds[group]))
+    selection = _significant(selection)
+    while selection.selected and not time_is_up(LAW_SEARCH):
+        worst, harm = max(_training_harm(dataset, session, selection).items(), key=lambda item: item[1])
+        if harm <= 0:
+            return selection
+        selection = selection.without(worst)
     return selection
 
 
@@ -255,7 +232,7 @@ def _significant(selection: Selection) -> Selection:
             chi2[group] = float(turned @ (theta / size)) / group.size
         least = min(chi2, key=lambda group: chi2[group])
         rest = selection.without(least)
-        if chi2[least] > SIGNIFICANT_CHI2 or resolved_violations(selection, rest, least):
+        if chi2[least] > tuned.SIGNIFICANT_CHI2 or resolved_violations(selection, rest, least):
             break
         selection = rest
     return selection
@@ -305,7 +282,7 @@ def inertial_violations(selection: Selection) -> dict[int, float]:
     deviation = np.concatenate([group.deviation for group in bodies])
     chi2 = np.sum((step / largest / deviation).reshape(-1, len(INERTIAL)) ** 2, axis=1)
     carried = selection.posterior.carried
-    return {j: float(chi2[body]) for j, body in enumerate(carried) if chi2[body] > INERTIAL_VIOLATION}
+    return {j: float(chi2[body]) for j, body in enumerate(carried) if chi2[body] > tuned.INERTIAL_VIOLATION}
 
 
 def resolved_violations(selection: Selection, rest: Selection, group: Group) -> set[int]:
@@ -328,17 +305,12 @@ def is_admissible(selection: Selection, group: Group) -> bool:
     value = fit.value[fit.place(group)]
     data = selection.data
     rms = [np.sqrt(np.mean((data.raw(j, group) @ value) ** 2)) / data.scale[j] for j in data.rows(group)]
-    if max(rms) < MIN_LAW_TORQUE_SHARE or (prior.mean and not _is_on(group, float(value[0]))):
+    low, high = tuned.ACTUATOR_RANGE if isinstance(group.claim.laws[0].effect, ActuatorLaw) else tuned.ON_OFF_RANGE
+    if max(rms) < tuned.MIN_LAW_TORQUE_SHARE or (prior.mean and not low < value[0] < high):
         return False
     if not has_possible_numbers(group, value) or not _has_right_sign(group, prior, fit):
         return False
     return not _is_redundant(selection, group) and _has_bodies(selection.posterior, group, fit)
-
-
-def _is_on(group: Group, value: float) -> bool:
-    """Whether the coefficient of a law without numbers is near 1."""
-    low, high = ACTUATOR_RANGE if isinstance(group.claim.laws[0].effect, ActuatorLaw) else ON_OFF_RANGE
-    return low < value < high
 
 
 def _has_right_sign(group: Group, prior: CoefficientPrior, fit: Fitted) -> bool:
@@ -369,7 +341,7 @@ def _has_bodies(posterior: Posterior, group: Group, fit: Fitted) -> bool:
     at = 10 * body + np.arange(len(numbers))
     covariance[np.ix_(at, at)] += numbers @ fit.covariance[place, place] @ numbers.T
     near = nearest_bodies(own.base, own.inertials, step, covariance)
-    asked.append((fit.value[place], near.feasible_without_moving or near.chi2 < INFEASIBLE_CHI2 * group.size))
+    asked.append((fit.value[place], near.feasible_without_moving or near.chi2 < tuned.INFEASIBLE_CHI2 * group.size))
     return asked[-1][1]
 
 
@@ -385,4 +357,4 @@ def _is_redundant(selection: Selection, group: Group) -> bool:
     scale = np.linalg.norm(x, axis=0)
     x = x[:, scale > 0] / scale[scale > 0]
     residual = leave(x, beside)
-    return bool(np.sum(residual**2) < REDUNDANT_SHARE * np.sum(x**2))
+    return bool(np.sum(residual**2) < tuned.REDUNDANT_SHARE * np.sum(x**2))

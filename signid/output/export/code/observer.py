@@ -7,7 +7,7 @@ import re
 import numpy as np
 
 from ....model import Model
-from ....watch import blocks, intake, observer, quiet, watcher
+from ....watch import intake, observer, quiet, watcher
 from ..bodies import summed
 from .dynamics import Bodies, Expressions, carried_wrench, cross, directed_laws, placement, rotor_torque, tree_of
 from .graph import Graph
@@ -56,7 +56,7 @@ def observer_code(model: Model, name: str) -> tuple[str, str, str]:
 _OBSERVER_CONSTANTS = {
     "GAIN": observer.OBSERVER_GAIN,
     "RINGING": observer.RINGING_TIME,
-    "HALF": blocks.VELOCITY_HALF_WINDOW,
+    "HALF": intake.VELOCITY_HALF_WINDOW,
     "MORE": observer.CREEP_FRICTION_GROWTH,
     "BELOW": observer.CREEP_SPEED_RATIO,
     "SIGMAS": quiet.THRESHOLD_RATIO,

@@ -247,7 +247,7 @@ def verdict_words(result: Diagnosis) -> str:
 
 def is_unreliable(flags: Sequence[str]) -> bool:
     """Whether a flag of a diagnosis says more than that other laws explain the recordings as well."""
-    from ....diagnose.findings.thresholds import AMBIGUOUS_WORDS
+    from ....diagnose.thresholds import AMBIGUOUS_WORDS
 
     return any(AMBIGUOUS_WORDS not in flag for flag in flags)
 

@@ -1,10 +1,12 @@
-"""Tuned settings of the rows: priors of stated numbers, friction near reversals, noise, discrepancy.
+"""Tuned settings: priors, friction near reversals, noise, discrepancy, search, verdict and findings.
 
-"Prototype" marks values of a throw-away prototype that was tuned on simulated 3R, UR5 and Panda arms. "Heuristic"
-marks values without a derivation. Ranks, ridges and grids of an algorithm stand beside the algorithm.
+"Prototype" and "simulated arms" mark values of a prototype that was tuned on simulated 3R, UR5 and Panda arms.
+"Heuristic" marks values without a derivation. Ranks, ridges and grids of an algorithm stand beside the algorithm.
 """
 
 from __future__ import annotations
+
+from math import log
 
 import numpy as np
 
@@ -82,7 +84,7 @@ IMITATED_SHARE = 0.9  # share of a law's torque that wrong inertials must make t
 MAX_SELECTED_LAWS = 14  # selected laws; heuristic
 SHAPE_ERROR = 0.05  # error of a selected law's formula, over its torque [1]; simulated arms
 MAX_INFLATION = 1.3  # bound of the dispersion with formula errors, over the mean square of the residual [1]; heuristic
-# Admissible laws (admissible.py)
+# Admissible laws (stepwise.py)
 MIN_LAW_TORQUE_SHARE = 0.007  # rms torque of a law over that of some joint [1]; simulated arms
 ON_OFF_RANGE = (0.3, 2.0)  # fitted coefficient of a law without numbers, 1 where it holds exactly [1]; heuristic
 ACTUATOR_RANGE = (0.6, 1.5)  # the same for actuator laws, such as saturation [1]; heuristic
@@ -100,14 +102,14 @@ NOISE_ROUNDS = 3  # alternations of noise estimation and search; heuristic
 RELEVANT_CHI2 = 1.0  # squared change of torque by relinearisation [variances of the rows]: one standard deviation
 # Pruning (stepwise.py)
 SIGNIFICANT_CHI2 = 4.0  # squared coefficients, per number [variances]: two standard deviations
-# Stability of a law's gain (steady.py)
+# Stability of a law's gain (contributions.py)
 GAIN_BLOCKS, MIN_GAIN_BLOCKS = 8, 3  # blocks of rows with equal torque energy of the law; heuristic
 MIN_TEST_PROBABILITY = 1e-15  # bound of the test's probability [1]: about the precision of a double
-# Contact window (contact_window.py)
+# Contact window (shapes.py)
 CONTACT_WIDTHS = (0.5, 0.9, 1.5, 2.5, 4.0, 7.0)  # [s] first grid; heuristic
 CONTACT_STEP = 0.2  # [s] between the starts of the first grid; heuristic
 CONTACT_TORQUE = 0.15  # prior rms torque of the force over the rms torque [1]; heuristic
-# Shape optimisation (shape_optimisation.py)
+# Shape optimisation (shapes.py)
 EVALUATIONS_PER_SHAPE = 20  # evaluations of the optimiser; heuristic
 LOG_ODDS_TOLERANCE = 1e-4  # of the optimiser [-]; looser, shapes ended half a standard deviation apart by rounding
 SHAPE_CHANGE_LOG_ODDS = 3.0  # by which another shape must explain more than the stated one [-]; e^3 to 1: strong
@@ -115,3 +117,60 @@ SHAPE_FACTOR = 1.6  # by which a shape may change from its grid value [1]: grids
 WINDOW_REACH = 0.5  # [s] by which the ends of a window may move; heuristic
 SIZE_ROUNDS = 4  # times that the size of a recording law may grow by that factor again; heuristic
 RECORDING_LIMITS = {"rad": 0.7, "s": 0.3}  # [rad], [s] sizes from which on a recording law is implausible; heuristic
+# Alternatives (alternatives.py)
+CAUSE_PROBABILITY = 0.2  # of a law that is reported [1]; heuristic
+LISTED_PROBABILITY = 0.03  # of an alternative that is listed [1]; simulated arms
+REPLACEMENT_RATIO = 1.5  # probability of a rival over that of a law that it replaces [1]; heuristic
+REPLACEMENT_ROUNDS = 12  # replacements at most; heuristic
+CHECKED_LOG_ODDS = 4.0  # log odds behind the best within which rivals must be admissible to count [-]; heuristic
+COMPARED_LOG_ODDS = 40.0  # log odds behind a law beyond which rivals are not compared [-]: exp(-40) is no probability
+RIVAL_RESIDUAL_SHARE = 0.5  # of a law's torque that a rival of the same torque may leave [squares, 1]; heuristic
+SAME_TORQUE_CHI2 = 4.0  # the same in variances of the noise: two standard deviations, not distinguishable below
+FORMULA_ERROR = 0.2  # torque that the formula of a real law misses, over its torque [1]; heuristic
+MAX_IN_STEP_LOG_ODDS = log(0.95 / 0.05)  # of laws of joints that moved in step [-]: a probability of .95; heuristic
+# Verdict (verdict.py)
+MIN_DRIFT_SHARE = 0.5  # drift of a number, against its difference from the stated one, that explains it [1]; heuristic
+MIN_CAUSE_SHARE = 0.15  # importance of a cause over the largest [1]: less is a correction; heuristic
+PROMOTED_TORQUE_SHARE = 0.03  # torque share of a correction that becomes a cause [1]; heuristic
+PROMOTED_HELD_OUT_GAIN = 0.2  # held-out gain that it needs as well [1]; heuristic
+MIN_NOTICED_DISCREPANCY = 0.01  # of the torque [1]: a larger one that follows the joint's state is unknown; heuristic
+MIN_EXPLAINED_EXCESS = 0.6  # excess that the causes must explain, over all at their joints [1]; heuristic
+MIN_APPROXIMATED_EXCESS = 0.5  # the same where the first cause has an approximate formula [1]; simulated arms
+NOTICED_DEVIATIONS = 4.0  # excess of a joint that is noticed [standard deviations of a sum of squares]; heuristic
+TOLERATED_DISCREPANCY = 0.006  # discrepancy of every simulation that is no fault, over the rms torque [1]; heuristic
+MIN_JOINT_SHARE = 0.1  # rms torque of a joint, over the largest [1]: weaker joints count as this strong; heuristic
+CLEAR_LOG_ODDS = 20.0  # log odds of a dependence without law that make something missing for certain [-]; heuristic
+CLEAR_FACTOR = 0.8  # factor of the threshold in that case [1]; heuristic
+STATELESS_FACTOR = 3.0  # factor of the threshold of what depends on no variable [1]; heuristic
+MAX_ELSEWHERE_SHARE = 0.25  # excess that causes at other joints leave of a joint's, over all [1]; heuristic
+QUIET_NOISE_RATIO = 1.3  # residual rms over noise and known misfit up to which nothing is missing [1]; heuristic
+QUIET_TORQUE_SHARE = 0.05  # residual rms over the joint's torque up to which nothing is missing [1]; heuristic
+USUAL_BODY_SHARE = 0.1  # residual rms over the joint's torque that bodies within their tolerance make [1]; heuristic
+SMALL_EXCESS_SHARE = 0.1  # excess that does not matter, over the largest [1]; heuristic
+# Held-out selection (held_out_selection.py)
+HELD_OUT_BLOCKS = 20  # blocks of held-out rows for standard errors; heuristic
+WORSE_WEIGHT = 3.0  # additional weight of joints that are predicted worse, or not clearly better [1]; heuristic
+MIN_REFIT_GAIN = 1.0  # log mean square that all refitted numbers together must gain, or a separate fit [-]; heuristic
+MIN_REFIT_BLOCK_GAIN = 0.5  # the same for the numbers of one joint, or of the bodies [-]; heuristic
+EQUAL_PREDICTION_GAIN = 0.1  # log mean square by which two extensions predict held-out rows equally well [-]; heuristic
+MIN_REFIT_ROWS = 40  # held-out rows without which stated numbers are not refitted; heuristic
+MIN_RESIDUAL_RATIO = 1e-3  # residual rms over torque rms: smaller residuals count as this large [1]; heuristic
+CORRELATED_ROWS = 4.0  # rows per independent row; heuristic
+# Findings (findings.py)
+AMBIGUOUS_WORDS = "is one of several laws that explain the recordings"  # part of the flag on such a cause
+SURE_PROBABILITY = 0.95  # probability of a cause below which a flag names its rivals [1]; heuristic
+CHANGED_PROBABILITY = 0.5  # probability of a changed number that is reported as changed [1]; more likely than not
+PLAUSIBLE_PROBABILITY = 0.05  # probability of a rival above which a separating motion is sought [1]; heuristic
+MOTIONS_PER_FINDING = 4  # separating motions of one finding: each search simulates several motions
+MAX_MOTIONS = 2 * MOTIONS_PER_FINDING  # separating motions of all findings
+VAGUE_DEVIATIONS = 0.5  # standard deviations from zero below which a coefficient is vague [1]; heuristic
+# Held-out prediction (findings.py)
+EMPIRICAL_GAIN = 0.3  # share of the held-out sum of squares that an empirical function must remove [1]; heuristic
+WORSE_RMS = 1.05  # held-out rms after over before that is worse [1]; heuristic
+WORSE_ROLLOUT = 1.2  # median roll-out error after over before that is worse [1]; heuristic
+SURE_ERRORS = 2.0  # standard errors by which roll-outs must be worse [1]
+MIN_WINDOWS = 8  # windows that roll-outs are compared in, at least
+LOUD_RATIO = 3.0  # held-out rms over irreducible rms above which it matters [1]; heuristic
+# Intervals (intervals.py)
+BLOCK_PERIODS = 8.0  # length of a block, in periods of the cut-off frequency [1]: longer than the residual correlates
+MAX_JACKKNIFE_PARTS = 10  # parts of the jackknife at most; heuristic

@@ -1,4 +1,4 @@
-"""Optimisation of the shapes of selected laws, which the search takes from a grid."""
+"""Shapes beyond the grids of the search: optimised numbers of selected laws, and the time window of a contact."""
 
 from __future__ import annotations
 
@@ -12,20 +12,12 @@ from ...deadline import show_step, time_is_up
 from ...effects import EFFECTS
 from ...effects.base import RecordingLaw
 from ...optimisers import OPTIMISERS, Optimum, Problem
-from ...types import Array, Effect, Law
-from ..data.column_groups import Group
-from ..data.dataset import Dataset, append
+from ...types import Array, Effect, Indices, Law
+from .. import thresholds as tuned
+from ..data.dataset import Dataset, Fitted, Whitened, append
 from ..data.hypotheses import Hypothesis, Key
-from ..data.thresholds import (
-    EVALUATIONS_PER_SHAPE,
-    LOG_ODDS_TOLERANCE,
-    RECORDING_LIMITS,
-    SHAPE_CHANGE_LOG_ODDS,
-    SHAPE_FACTOR,
-    SIZE_ROUNDS,
-    WINDOW_REACH,
-)
-from ..data.whitened_rows import Fitted
+from ..data.noise import has_full_window
+from ..data.rows import Group
 from ..evidence.selection import Posterior, Selection
 from .contributions import measure_contributions
 from .stepwise import LAW_SEARCH, inflated_dispersion
@@ -34,6 +26,10 @@ SHAPE_ALGORITHM = "LN_BOBYQA"  # Powell 2009: no derivatives, box constraints
 BOUND_STEP = 0.99  # step from which on a size counts as at the bound of its box, over the box [1]
 WINDOW_ENDS = ("start", "end")  # shapes that are added to, not multiplied
 MAX_END_SHIFT = 6  # samples by which each end of a window is moved at last
+CONTACT_EFFECT = "external_contact"
+END_SHIFTS = np.arange(-5, 6)  # shifts of the ends of the best window in one refinement [rows]
+WINDOW_REFINEMENTS = 3  # refinements of the best window
+MIN_WINDOW_ROWS = 4  # shortest window [rows]: more than the three components of a force
 
 
 class _Option(NamedTuple):
@@ -117,10 +113,13 @@ def _is_linearised(effect: Effect) -> bool:
 def _optimise(dataset: Dataset, option: _Option, others: _Others) -> tuple[float, Hypothesis]:
     """Maximise the log odds [-] of a law over its shapes, or over the size of a recording law."""
     known, start, posterior = option.hypothesis, _start(option, others), others.selection.posterior
-    law, keys, moves = known.laws[0], list(start), [_move(key) for key in start]
+    law, keys = known.laws[0], list(start)
 
     def hypothesis(x: Array) -> Hypothesis:
-        numbers = {key: move(start[key], float(v)) for key, move, v in zip(keys, moves, x, strict=True)}
+        numbers = {  # steps in -1 to 1 move ends of windows by addition, all else by a factor
+            key: start[key] + tuned.WINDOW_REACH * step if key in WINDOW_ENDS else start[key] * tuned.SHAPE_FACTOR**step
+            for key, step in zip(keys, x.tolist(), strict=True)
+        }
         return replace(known, laws=(Law(law.effect, law.joints, {**law.parameters, **numbers}),))
 
     def cost(x: Array) -> float:
@@ -137,19 +136,21 @@ def _optimise(dataset: Dataset, option: _Option, others: _Others) -> tuple[float
     zero = np.zeros(len(keys))
     if not keys:
         return -cost(zero), known
-    best = _minimised(cost, zero, SIZE_ROUNDS if known.finite else 0)
-    if known.stated is not None and cost(zero) - best.value < SHAPE_CHANGE_LOG_ODDS:  # the shape is the stated one
+    best = _minimised(cost, zero, tuned.SIZE_ROUNDS if known.finite else 0)
+    if (
+        known.stated is not None and cost(zero) - best.value < tuned.SHAPE_CHANGE_LOG_ODDS
+    ):  # the shape is the stated one
         return -cost(zero), known
     ends = [k for k, key in enumerate(keys) if key in WINDOW_ENDS]
-    value, x = _stepped(cost, best.value, best.x, ends, dataset.pieces[0].motion.dt / WINDOW_REACH)
+    value, x = _stepped(cost, best.value, best.x, ends, dataset.pieces[0].motion.dt / tuned.WINDOW_REACH)
     return -value, hypothesis(x)
 
 
 def _minimised(cost: Callable[[Array], float], start: Array, further: int) -> Optimum:
     """Minimise in a box of half-width 1 about the start; `further` times again about an optimum at its upper bound."""
-    budget = EVALUATIONS_PER_SHAPE * len(start)
+    budget = tuned.EVALUATIONS_PER_SHAPE * len(start)
     while True:
-        problem = Problem(cost, start - 1, start + 1, start, search=LAW_SEARCH, tolerance=LOG_ODDS_TOLERANCE)
+        problem = Problem(cost, start - 1, start + 1, start, search=LAW_SEARCH, tolerance=tuned.LOG_ODDS_TOLERANCE)
         best = OPTIMISERS["nlopt"].minimise(problem, algorithm=SHAPE_ALGORITHM, budget_evaluations=budget)
         if further == 0 or np.all(best.x - start < BOUND_STEP) or time_is_up(LAW_SEARCH):
             return best
@@ -177,7 +178,7 @@ def _has_plausible_size(option: _Option, others: _Others) -> bool:
         return True
     kinds, start = known.laws[0].effect.linear(), _start(option, others)
     return all(
-        0 < abs(x) < RECORDING_LIMITS.get(kinds[key].unit, np.inf) and not (kinds[key].positive and x < 0)
+        0 < abs(x) < tuned.RECORDING_LIMITS.get(kinds[key].unit, np.inf) and not (kinds[key].positive and x < 0)
         for key, x in start.items()
     )
 
@@ -194,8 +195,64 @@ def _start(option: _Option, others: _Others) -> dict[str, float]:
     return {key: float(contributions.coefficients[group][0])}
 
 
-def _move(key: str) -> Callable[[float, float], float]:
-    """Map from a step in -1 to 1 to a number: ends of windows by addition, all else by a factor."""
-    if key in WINDOW_ENDS:
-        return lambda x, step: x + WINDOW_REACH * step
-    return lambda x, step: float(x * SHAPE_FACTOR**step)
+class _Window(NamedTuple):
+    """Rows from start to stop of a piece."""
+
+    log_bayes: float  # log Bayes factor of a force in the window [-]
+    start: int
+    stop: int
+
+
+def find_contact(dataset: Dataset, data: Whitened, residual: Array, dispersion: Array) -> Hypothesis | None:
+    """Contact in the window of highest evidence over all recordings; None if no window has a Bayes factor above 1.
+
+    Cumulative sums of the normal equations make each window cost the same. The residual (n, M) [1] is whitened and has
+    the variance dispersion (n,) [1].
+    """
+    full = [dataset.thin(p.motion.jacobian.reshape(len(p.motion), -1)) for p in dataset.pieces]
+    jacobian = np.concatenate(full).reshape(-1, 3, data.joints)  # of the last link [m/rad or 1]
+    white = dataset.whitening.local({j: jacobian[:, :, j] for j in range(data.joints)})
+    shape = np.stack([white[j] / np.sqrt(dispersion[j]) for j in range(data.joints)])  # (n, M, 3)
+    rest = residual / np.sqrt(dispersion)[:, None]
+    variance = tuned.CONTACT_TORQUE**2 / 3 / max(float(np.mean(np.sum(jacobian**2 / data.scale**2, axis=2))), 1e-300)
+    order = dataset.noise.coefficients.shape[1]
+    alive = np.flatnonzero(has_full_window(dataset.table.piece, order)) + order
+    rate, best = dataset.task.band.rate / dataset.task.band.factor, _Window(0.0, 0, 0)
+    for k in np.unique(dataset.table.piece[alive]):
+        own = np.flatnonzero(dataset.table.piece[alive] == k)
+        x, y = shape[:, own], rest[:, own]
+        square = np.concatenate([np.zeros((1, 3, 3)), np.cumsum(np.einsum("jti,jtk->tik", x, x), axis=0)])
+        right = np.concatenate([np.zeros((1, 3)), np.cumsum(np.einsum("jti,jt->ti", x, y), axis=0)])
+        window = _best(square, right, variance, rate)
+        if window.log_bayes > best.log_bayes:
+            first, last = alive[own[window.start]], alive[own[window.stop - 1]]
+            best = _Window(window.log_bayes, int(first), int(last))
+    if best.log_bayes <= 0:
+        return None
+    span = {"start": float(dataset.table.t[best.start]), "end": float(dataset.table.t[best.stop])}
+    return Hypothesis((Law(EFFECTS[CONTACT_EFFECT], tuple(range(data.joints)), span),))
+
+
+def _best(square: Array, right: Array, variance: float, rate: float) -> _Window:
+    """Search the windows of one piece by cumulative sums: a grid first, then shifts of both ends of the best."""
+    count, best = len(square) - 1, _Window(0.0, 0, 0)
+    for width in tuned.CONTACT_WIDTHS:
+        length = int(width * rate)
+        start = np.arange(0, count - length, max(1, int(tuned.CONTACT_STEP * rate)))
+        best = _better(best, square, right, variance, start, start + length)
+    for _ in range(WINDOW_REFINEMENTS if best.stop else 0):
+        low, high = (grid.ravel() for grid in np.meshgrid(best.start + END_SHIFTS, best.stop + END_SHIFTS))
+        fits = (low >= 0) & (low + MIN_WINDOW_ROWS <= high) & (high <= count)
+        best = _better(best, square, right, variance, low[fits], high[fits])
+    return best
+
+
+def _better(best: _Window, square: Array, right: Array, variance: float, start: Indices, stop: Indices) -> _Window:
+    """Best of some windows and the one before, by the log Bayes factor of a force with a Gaussian prior."""
+    if not len(start):
+        return best
+    a, b = np.eye(3) + variance * (square[stop] - square[start]), right[stop] - right[start]
+    gain = variance * np.einsum("ki,ki->k", b, np.linalg.solve(a, b[..., None])[..., 0]) / 2
+    gain = gain - np.linalg.slogdet(a)[1] / 2
+    k = int(np.argmax(gain))
+    return _Window(float(gain[k]), int(start[k]), int(stop[k])) if gain[k] > best.log_bayes else best
