@@ -1,4 +1,4 @@
-"""Recordings -> check: which parameters they identify, and what would help, before a model is fitted."""
+"""Which parameters a robot's structure makes identifiable, and which its recordings identify, before a fit."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .effects import EFFECT_NAMES, EFFECTS
 from .errors import InputError, RecordingError, named_for_caller
 from .estimation.excitation import ExcitationVerdict, judge_excitation
 from .estimation.least_squares import estimate
@@ -26,12 +27,13 @@ from .recording.names.mapping import ColumnMap, read_map
 from .recording.sampling import Sampling
 from .recording.source import Source, open_source
 from .regression.bandwidth import Band
+from .regression.base_parameters import build_base
 from .regression.session import Options, advice_on_rows
-from .robot import Audit, as_robot, audit
+from .robot import Audit, Suspect, as_robot, audit
 from .signs import Signs, prepare_and_recover
 from .signs.torque_constants import UnknownConstants
 from .typed import typed
-from .types import Array, BaseMap, Input, Progress, Recording, Result, Robot
+from .types import Array, BaseMap, Input, Law, Progress, Recording, Result, Robot
 
 WEAK_RATIO, UNKNOWN_RATIO = 0.3, 1.0  # [1] expected over prior standard deviation: weak from there on, unidentifiable
 
@@ -175,3 +177,42 @@ def _judged(described: Audit, recordings: Sequence[Recording], options: Options,
         described.before(),
         recovered.signs,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class Inspection(Result):
+    """Base parameters of a robot, from its structure alone, and numbers of its description that are probably wrong."""
+
+    robot: Robot
+    base: BaseMap
+    suspect: tuple[Suspect, ...] = ()
+    flags: tuple[str, ...] = ()  # sentences on the suspects, each once
+
+    @property
+    def invisible(self) -> tuple[str, ...]:
+        """Standard parameters without influence on the torque of any motion."""
+        return tuple(label.name for label in self.base.invisible)
+
+    @property
+    def combined(self) -> tuple[str, ...]:
+        """Standard parameters that are identifiable only in combination with others."""
+        count = (self.base.combination != 0).sum(1)
+        alone = {int(k) for k, n in zip(self.base.independent, count, strict=True) if n == 1}
+        seen = (self.base.combination != 0).any(0)
+        return tuple(label.name for k, label in enumerate(self.base.labels) if seen[k] and k not in alone)
+
+
+@typed
+def inspect(robot: ModelSource, effects: Sequence[str] = EFFECT_NAMES, seed: int = 0) -> Inspection:
+    """Determine the base parameters of a robot with the given effects at every joint.
+
+    >>> signid.inspect("3r").base.rank
+    25
+
+    Raises:
+        OptionError: unknown effect.
+    """
+    robot = as_robot(robot, "inspect")
+    laws = [Law(EFFECTS[name], (j,)) for name in effects for j in range(len(robot.joints))]
+    found = audit(robot)
+    return Inspection(robot, build_base(robot, laws, seed), found.suspects, (*found.before(), *found.notes))

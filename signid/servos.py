@@ -29,7 +29,7 @@ import numpy as np
 
 from .errors import shorten
 from .frozen import Frozen
-from .parameters import Array
+from .types import Array
 
 DRIVE_LAWS = ("effort", "duty", "torque_speed")
 KD_ON = ("velocity", "error")

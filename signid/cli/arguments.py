@@ -13,8 +13,7 @@ import typer
 
 from ..effects import EFFECT_NAMES
 from ..errors import InputError, OptionError, OutputError, UndecidedReading, readable
-from .app import bounded
-from .options import DriveOptions, RobotOptions, RowOptions, SimulationArguments
+from .app import DriveOptions, RobotOptions, RowOptions, SimulationArguments, bounded
 
 if TYPE_CHECKING:
     from ..model import Model

@@ -22,19 +22,7 @@ from typer.main import get_command
 from ..deadline import one_thread, stop_searches
 from ..errors import ON_COMMAND_LINE, SignidError, UndecidedReading
 from .app import app
-from .commands import (  # noqa: F401
-    catalogue,
-    conversion,
-    diagnosis,
-    excitation,
-    exporting,
-    identification,
-    payload,
-    replay,
-    simulation,
-    watching,
-)
-from .demo import command as demo  # noqa: F401
+from .commands import catalogue, conversion, diagnosis, exporting, identification, replay, simulation, watching  # noqa: F401
 from .fleet import command as fleet  # noqa: F401
 from .terminal import BAD, BROKEN, DONE, FLAGGED, INTERRUPTED, open_streams, write_error
 

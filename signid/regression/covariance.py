@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..frozen import Frozen
-from ..parameters import INERTIAL, Array, BaseMap
+from ..types import INERTIAL, Array, BaseMap
 from .factors import Factors
 from .rows import Task
 

@@ -12,9 +12,7 @@ import typer
 
 from ...deadline import DEFAULT_TIME_LIMIT, time_limit
 from ...errors import OptionError, RecordingError, RobotError, readable
-from ..app import Text, Texts, command, complete_law, complete_robot, option, output_option
-from ..arguments import given_command, given_model, given_recordings, has_drives, simulation_inputs, under_gravity
-from ..options import (
+from ..app import (
     Columns,
     Cutoff,
     Mcap,
@@ -24,9 +22,17 @@ from ..options import (
     Rrd,
     RunOptions,
     SimulationArguments,
+    Text,
+    Texts,
     TimeLimit,
     Unsigned,
+    command,
+    complete_law,
+    complete_robot,
+    option,
+    output_option,
 )
+from ..arguments import given_command, given_model, given_recordings, has_drives, simulation_inputs, under_gravity
 from ..terminal import bars, check_folder
 
 if TYPE_CHECKING:
@@ -34,7 +40,7 @@ if TYPE_CHECKING:
     from ...model import Model
     from ...servo.diagnose import ServoDiagnosis
     from ...types import Recording, Robot
-    from ..files import Logs
+    from ..terminal import Logs
 
 ROBOT_SUFFIXES = (".urdf", ".xacro", ".xml", ".mjcf", ".sdf")
 INPUTS_HINT = "a model is a model.json, a URDF, xacro or MJCF file or a name such as panda; a recording is a data file"
@@ -83,7 +89,7 @@ def diagnose(
     """
     from ...diagnose import diagnose as search
     from ...regression.session import Options
-    from ..files import DIAGNOSIS_FILES, check_logs, deliver_diagnosis
+    from ..terminal import DIAGNOSIS_FILES, check_logs, deliver_diagnosis
     from .drives import registers_beside
 
     check_folder(diagnosis.output, run.json, DIAGNOSIS_FILES)
@@ -194,7 +200,7 @@ def validate(
     from ...regression.session import Options
     from ...servo.validate import validate_servos
     from ...validate import HORIZON, validate as judge
-    from ..files import VALIDATION_FILES, deliver_report
+    from ..terminal import VALIDATION_FILES, deliver_report
     from .drives import registers_beside
 
     check_folder(validation.output, True, VALIDATION_FILES)

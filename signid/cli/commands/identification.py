@@ -1,4 +1,4 @@
-"""The commands `inspect`, `check` and `identify`."""
+"""The commands `inspect`, `check`, `identify` and `payload`."""
 
 from __future__ import annotations
 
@@ -10,20 +10,7 @@ import typer
 
 from ...deadline import DEFAULT_TIME_LIMIT, time_limit
 from ...errors import InputError, OptionError, RecordingError, readable
-from ..app import Text, Texts, command, option, output_option
-from ..arguments import (
-    check_options,
-    given_command,
-    given_effects,
-    given_inputs,
-    given_options,
-    given_recordings,
-    given_robot,
-    has_drives,
-    instead_of_torque,
-    under_gravity,
-)
-from ..options import (
+from ..app import (
     DriveOptions,
     Effects,
     OptionalRecordings,
@@ -31,10 +18,30 @@ from ..options import (
     RobotArguments,
     RowOptions,
     RunOptions,
+    SimulationArguments,
+    Text,
+    Texts,
     TimeLimit,
     Unsigned,
+    command,
+    option,
+    output_option,
 )
-from ..terminal import bars, check_folder, show
+from ..arguments import (
+    check_options,
+    given_command,
+    given_effects,
+    given_inputs,
+    given_model,
+    given_options,
+    given_recordings,
+    given_robot,
+    has_drives,
+    instead_of_torque,
+    simulation_inputs,
+    under_gravity,
+)
+from ..terminal import bars, check_folder, check_unread, show
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -48,7 +55,7 @@ if TYPE_CHECKING:
 @command("signid inspect panda --joints panda_joint6,panda_joint7")
 def inspect(robot: RobotArguments, run: RunOptions, effects: Effects = None) -> int:
     """List joints, links, base and unidentifiable parameters."""
-    from ...inspect import inspect as look
+    from ...check import inspect as look
     from ...output.report import document, tables, to_json
 
     described = given_robot(robot.robot, robot)
@@ -87,7 +94,7 @@ def check(
     from ...recording import is_recording
     from ...recording.source import digest_of
     from ...types import Input
-    from ..files import CHECK_FILES, deliver_report
+    from ..terminal import CHECK_FILES, deliver_report
 
     check_folder(output, True, CHECK_FILES)
     bare = is_recording(robot.robot)
@@ -196,7 +203,7 @@ def identify(
     delay, friction, armature and limits, by simulation of the closed loop (servo mode).
     """
     from ...identify import identify as learn
-    from ..files import IDENTIFICATION_FILES, deliver_identification
+    from ..terminal import IDENTIFICATION_FILES, deliver_identification
     from .drives import identify_drives, revised_columns
 
     check_folder(fit.output, run.json, IDENTIFICATION_FILES)
@@ -274,3 +281,68 @@ def _search(fit: IdentifyOptions) -> Search:
             raise OptionError(f"--total-mass {fit.total_mass!r} is not a range; write LO,HI in kg with LO <= HI")
         total = (low, high)
     return Search(_bounds(fit), fit.global_algorithm, fit.local_algorithm, total)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PayloadOptions:
+    """Recordings of a payload identification."""
+
+    without: Texts = option(None, "Recording without the load. Repeatable.", metavar="RECORDING")
+    carrying: Texts = option(None, "Recording with the load. Repeatable.", "--with", metavar="RECORDING")
+    time_limit: TimeLimit = DEFAULT_TIME_LIMIT
+    output: Text = output_option("Folder of payload.json and model.json, with the load. Default: none.")
+
+
+@command("signid payload 3r --without recording.csv --with loaded.csv")
+def payload(
+    loads: PayloadOptions,
+    simulation: SimulationArguments,
+    rows: RowOptions,
+    run: RunOptions,
+    recordings: OptionalRecordings = None,
+) -> int:
+    """Identify mass, centre of mass and inertia of a payload.
+
+    The load is estimated from the difference between recordings with and without it, so that errors of the robot model
+    cancel. Friction may change slightly between the recordings. The inertia of the load is physically consistent.
+    Errors of torque constants scale the load.
+
+    With one RECORDING in which the load is picked up, put down or both, the moments are found first. If no load is
+    picked up, the command says so and ends with 3.
+
+    DIR gets payload.json and model.json: SIMULATION with the load beside those that it carries already.
+
+    Raises:
+        OptionError: no recording was given, or one with --without or --with.
+    """
+    from ...model import load_model
+    from ...output.report import to_json
+    from ...payload import payload as identify_payload
+    from ..terminal import PAYLOAD_FILES, deliver
+
+    apart = bool(loads.without or loads.carrying)
+    if recordings and apart:
+        raise OptionError(
+            "a RECORDING with a load that is picked up needs neither --without nor --with; leave them out"
+        )
+    if not recordings and not apart:
+        raise OptionError(
+            "no recording was given; give one in which the load is picked up, or --without RECORDING --with RECORDING"
+        )
+    check_folder(loads.output, True, PAYLOAD_FILES)
+    if loads.output is not None:
+        check_unread(Path(loads.output) / "model.json", [simulation.simulation])
+    names = [recordings] if recordings else [loads.without, loads.carrying]
+    simulation = under_gravity(simulation, names[0], rows.columns)
+    described = None if simulation.saved else given_robot(simulation.simulation, simulation)
+    model = load_model(described) if described else given_model(simulation)[0]
+    sides = [
+        given_recordings(paths, model.robot, rows.columns, rate=rows.rate, output=loads.output, quiet=run.json)
+        for paths in names
+    ]
+    options = given_options(rows, run.seed)
+    with time_limit(loads.time_limit), bars(run.json) as progress:
+        found = identify_payload(model, *sides, options=options, progress=progress)
+    inputs = simulation_inputs(simulation, model.robot, columns=rows.columns)
+    files = {"model.json": to_json(found.model.document())} if found.found else {}
+    return deliver(found, inputs, loads.output, run.json, files)

@@ -8,9 +8,8 @@ from typing import Annotated
 import typer
 
 from ...errors import ManifestError, OptionError, shorten
-from ..app import Text, command, option, output_option
+from ..app import RunOptions, Text, command, option, output_option
 from ..arguments import given_command
-from ..options import RunOptions
 from ..terminal import BAD, DONE, FLAGGED, bars, show, write_error
 
 

@@ -15,9 +15,8 @@ from ...deadline import seconds_left
 from ...effects import EFFECTS
 from ...effects.law import law_torque
 from ...model import Model
-from ...parameters import TWO_SIDED
 from ...regression.session import Session
-from ...types import Law
+from ...types import TWO_SIDED, Law
 from ..data.column_groups import Group, rough_drives
 from ..data.dataset import Dataset
 from ..data.estimated_gains import EstimatedGain

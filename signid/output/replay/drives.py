@@ -13,7 +13,7 @@ from ...servo.given import stated_servos
 from ...servo.plant import roll_out, servo_grid
 from ...servo.simulate import registered
 from ...servos import ServoGrid
-from ...simulation.rollout.run import restrict_joints
+from ...simulation.rollout import restrict_joints
 from ...types import Array, Mask, Recording
 from .track import Track, at_times
 

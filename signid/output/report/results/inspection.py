@@ -14,7 +14,7 @@ from ..layout import figure, heading, name_cell, new_table, note_lines, paragrap
 from .identification import base_documents
 
 if TYPE_CHECKING:
-    from ....inspect import Inspection
+    from ....check import Inspection
 
 READING_STYLES = {"right": "green", "uncertain": "yellow", "wrong": "red"}
 HEADS = ("joint", "#>", "type", "carries link", "lower>", "upper>", "velocity>", "effort>", "unit")

@@ -8,20 +8,20 @@ from typing import Any
 
 import numpy as np
 
-from ...effects.base import ActuatorLaw, BodyLaw, RecordingLaw, TorqueLaw, TransmissionLaw, of_kind
-from ...effects.trial import Trial
-from ...errors import OptionError, RecordingError
-from ...model import Model, ModelSource, as_model, torque_model
-from ...recording import Recordings, as_recordings, need_torque, same_joints
-from ...recording.sampling import Sampling, samples, survey
-from ...recording.sampling.grid import Span
-from ...regression.bandwidth import Band, choose_band
-from ...regression.motion import Motion, build_motion, margin
-from ...regression.session import Part, Session, common_rate, longest_piece
-from ...robot import hold, resting
-from ...typed import typed
-from ...types import Array, Frozen, Indices, Law, Mask, Recording, Result
-from ..plant.plant import Plant, apply_actuators
+from ..effects.base import ActuatorLaw, BodyLaw, RecordingLaw, TorqueLaw, TransmissionLaw, of_kind
+from ..effects.trial import Trial
+from ..errors import OptionError, RecordingError
+from ..model import Model, ModelSource, as_model, torque_model
+from ..recording import Recordings, as_recordings, need_torque, same_joints
+from ..recording.sampling import Sampling, samples, survey
+from ..recording.sampling.grid import Span
+from ..regression.bandwidth import Band, choose_band
+from ..regression.motion import Motion, build_motion, margin
+from ..regression.session import Part, Session, common_rate, longest_piece
+from ..robot import hold, resting
+from ..typed import typed
+from ..types import Array, Frozen, Indices, Law, Mask, Recording, Result
+from .plant.plant import Plant, apply_actuators
 
 WINDOW_COUNT, MAX_ROLLOUT_STEP = 48, 1e-3  # default number of windows, and largest step [s]
 MAX_POSITION_ERROR = 1e3  # [rad or m] error from which on a simulation has diverged

@@ -8,19 +8,19 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from scipy.optimize import least_squares
 
-from ...deadline import seconds_left
-from ...effects import EFFECTS
-from ...effects.armature import Armature
-from ...effects.base import TorqueLaw
-from ...errors import InputError, OptionError, shorten
-from ...model import Model, ModelSource, as_model, torque_model
-from ...recording import Recordings, as_recordings, need_torque
-from ...recording.sampling import survey
-from ...regression.bandwidth import Band, choose_band
-from ...regression.session import Part, common_rate, longest_piece
-from ...types import Array, Frozen, Indices, Law, Result
-from ..rollout.run import Windows, cut_windows, restrict_joints
-from ..rollout.whole import check_whole, position_errors, whole_windows
+from ..deadline import seconds_left
+from ..effects import EFFECTS
+from ..effects.armature import Armature
+from ..effects.base import TorqueLaw
+from ..errors import InputError, OptionError, shorten
+from ..model import Model, ModelSource, as_model, torque_model
+from ..recording import Recordings, as_recordings, need_torque
+from ..recording.sampling import survey
+from ..regression.bandwidth import Band, choose_band
+from ..regression.session import Part, common_rate, longest_piece
+from ..types import Array, Frozen, Indices, Law, Result
+from .rollout import Windows, cut_windows, restrict_joints
+from .whole_rollout import check_whole, position_errors, whole_windows
 
 MIN_FACTOR = 0.05  # [1] smallest factor of the mass, and of a shape that must be positive
 # [1] of a number's size, differences of successive fits: errors are rough where a joint stops, and coarse steps see

@@ -12,25 +12,25 @@ import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
-from ...diagnose import Diagnosis, Finding, diagnose
-from ...effects import EFFECTS
-from ...effects.naming import law_name, law_place
-from ...errors import readable
-from ...model import Model, stated_inertials, stated_laws
-from ...output.replay import Replay, replay
-from ...output.report import figure, with_interval
-from ...output.report.documents import fit_with_errors, provenance
-from ...output.report.layout import confidence, heading, new_table
-from ...output.report.quantities import law_numbers
-from ...recording import read_recording
-from ...recording.formats import find_format
-from ...regression.motion import Motion
-from ...regression.session import Options
-from ...robot import hold, resting
-from ...robot.dynamics import joint_of_row, own_row
-from ...simulation.excite import build_limits, excite
-from ...simulation.plant import Sensors, record, simulate, track
-from ...types import Array, Frozen, Indices, Input, Law, Progress, Robot, Trajectory
+from ..diagnose import Diagnosis, Finding, diagnose
+from ..effects import EFFECTS
+from ..effects.naming import law_name, law_place
+from ..errors import readable
+from ..model import Model, stated_inertials, stated_laws
+from ..output.replay import Replay, replay
+from ..output.report import figure, with_interval
+from ..output.report.documents import fit_with_errors, provenance
+from ..output.report.layout import confidence, heading, new_table
+from ..output.report.quantities import law_numbers
+from ..recording import read_recording
+from ..recording.formats import find_format
+from ..regression.motion import Motion
+from ..regression.session import Options
+from ..robot import hold, resting
+from ..robot.dynamics import joint_of_row, own_row
+from ..simulation.excite import build_limits, excite
+from ..simulation.plant import Sensors, record, simulate, track
+from ..types import Array, Frozen, Indices, Input, Law, Progress, Robot, Trajectory
 
 RECORDINGS = ("recording.csv", "held_out.csv")  # training data, held-out data
 PERIOD, PERIODS, HARMONICS = 8.0, 2, 8  # period of a motion [s], number of periods, harmonics

@@ -9,17 +9,17 @@ import numpy as np
 import pinocchio as pin
 from numba import njit
 
-from ...effects.base import ActuatorLaw, BodyLaw, RecordingLaw, TransmissionLaw
-from ...errors import OptionError, shorten
-from ...model import Model, ModelSource, as_model, torque_model
-from ...recording import Recordings, as_recordings, need_torque
-from ...recording.sampling import samples, survey
-from ...regression.session import Part
-from ...robot import configuration
-from ...robot.dynamics import joint_inertia
-from ...types import Array, Indices, Recording, Result
-from ..plant.plant import apply_actuators
-from .run import MAX_ROLLOUT_STEP, Windows, restrict_joints, simulate_windows
+from ..effects.base import ActuatorLaw, BodyLaw, RecordingLaw, TransmissionLaw
+from ..errors import OptionError, shorten
+from ..model import Model, ModelSource, as_model, torque_model
+from ..recording import Recordings, as_recordings, need_torque
+from ..recording.sampling import samples, survey
+from ..regression.session import Part
+from ..robot import configuration
+from ..robot.dynamics import joint_inertia
+from ..types import Array, Indices, Recording, Result
+from .plant.plant import apply_actuators
+from .rollout import MAX_ROLLOUT_STEP, Windows, restrict_joints, simulate_windows
 
 (
     INERTIA,
