@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .effects import EFFECT_NAMES, EFFECTS
-from .errors import InputError, RecordingError, named_for_caller
+from .errors import InputError, RecordingError
 from .estimation.excitation import ExcitationVerdict, judge_excitation
 from .estimation.least_squares import estimate
 from .faults import (
@@ -61,8 +61,8 @@ class Check(Result):
     def flags(self) -> tuple[str, ...]:
         """Reasons why the recordings are insufficient; empty when they are good."""
         columns = [flag for recording in self.recordings for flag in recording.flags]
-        found = (*self.suspects, *columns, *(self.signs.flags if self.signs else ()), *self.excitation.sentences)
-        return tuple(dict.fromkeys(map(named_for_caller, (*found, *self.faults.flags))))
+        signs = self.signs.flags if self.signs else ()
+        return tuple(dict.fromkeys((*self.suspects, *columns, *signs, *self.excitation.sentences, *self.faults.flags)))
 
 
 @typed
@@ -84,8 +84,8 @@ def check(
     """
     described = audit(as_robot(robot, "check"))
     try:
-        given = as_recordings(recordings, described.robot, "check")
-        return _checked(described, given, options or Options(), progress)
+        recordings = as_recordings(recordings, described.robot, "check")
+        return _checked(described, recordings, options or Options(), progress)
     except (RecordingError, np.linalg.LinAlgError, ArithmeticError) as error:
         several = isinstance(recordings, Sequence) and not isinstance(recordings, str)
         return unusable(recordings if several else [recordings], error)  # type: ignore[arg-type]
@@ -101,14 +101,11 @@ def unusable(
     """
     numbers = f"numbers lead to no result ({error}); check their units"
     reason, files, rows = str(error) if isinstance(error, RecordingError) else numbers, list[Input](), list[int]()
-    for one in recordings:
-        if isinstance(one, Recording):
-            files.append(Input(one.path, one.sha256, "recording"))
-            rows.append(len(one))
-        else:
-            opened = open_source(one, (), read_map(columns).heading)
-            files.append(Input(opened.path, opened.sha256, "recording"))
-            rows.append(opened.table.rows)
+    for recording in recordings:
+        if not isinstance(recording, Recording):
+            recording = open_source(recording, (), read_map(columns).heading)
+        files.append(Input(recording.path, recording.sha256, "recording"))
+        rows.append(recording.table.rows)
     return UnusableRecordings(tuple(files), tuple(rows), (reason,))
 
 

@@ -42,6 +42,14 @@ class Frozen:
         return f"{type(self).__name__}({', '.join(shown)})"
 
 
+def name_arguments(value: object) -> None:
+    """Let the sentences in these fields of a frozen value name arguments of Python; on the command line, options."""
+    for name in vars(value).keys() & {"flags", "notes", "sentence"}:
+        said = getattr(value, name)
+        named = named_for_caller(said) if isinstance(said, str) else tuple(map(named_for_caller, said))
+        object.__setattr__(value, name, named)
+
+
 class Result(Frozen):
     """Base class of results: a repr of at most 40 lines, HTML in notebooks and tables by name.
 
@@ -50,8 +58,7 @@ class Result(Frozen):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in vars(self).keys() & {"flags", "notes"}:
-            object.__setattr__(self, name, tuple(map(named_for_caller, getattr(self, name))))
+        name_arguments(self)
 
     def __repr__(self) -> str:
         return str(show_with("text", self))

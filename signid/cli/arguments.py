@@ -57,21 +57,8 @@ def given_robot(name: str, options: RobotOptions) -> Robot:
         if not Path(folder).is_dir():
             raise OptionError(f"--package-dir {folder} is not a folder; name the folder that holds the packages")
     moving = None if options.joints is None else _names("--joints", options.joints)
-    held = _locks(options.lock or ())
-    return load_robot(
-        name,
-        lock=held,
-        joints=moving,
-        actuators=options.actuators,
-        package_dirs=packages,
-        gravity=None if options.gravity is None else parse_gravity(options.gravity),
-        xacro=parse_arguments(options.xacro or ()),
-    )
-
-
-def _locks(texts: Sequence[str]) -> dict[str, float]:
     held: dict[str, float] = {}
-    for text in texts:
+    for text in options.lock or ():
         joint, _, value = (part.strip() for part in text.rpartition("="))
         if joint in held:
             raise OptionError(f"--lock names joint {joint} twice; give one position for it")
@@ -81,7 +68,15 @@ def _locks(texts: Sequence[str]) -> dict[str, float]:
             raise
         except ValueError:
             raise OptionError(f"--lock {text!r} is not a joint and its position; write J=VALUE, in rad or m") from None
-    return held
+    return load_robot(
+        name,
+        lock=held,
+        joints=moving,
+        actuators=options.actuators,
+        package_dirs=packages,
+        gravity=None if options.gravity is None else parse_gravity(options.gravity),
+        xacro=parse_arguments(options.xacro or ()),
+    )
 
 
 def given_model(

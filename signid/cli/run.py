@@ -10,8 +10,7 @@ import signal
 import sys
 import traceback
 import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from types import FrameType
 from typing import Any, NoReturn
@@ -65,26 +64,19 @@ class _Heard:
         return f"{SIGNAL_NAMES[number]} ended the command {when}; no file was written"
 
 
-@contextmanager
-def _signals_heard() -> Iterator[_Heard]:
-    """Handle both signals by the yielded object; restore the former handlers afterwards."""
-    heard = _Heard()
-    former = {number: signal.signal(number, heard.hear) for number in SIGNAL_NAMES}
-    try:
-        yield heard
-    finally:
-        for number, handler in former.items():
-            signal.signal(number, handler)
-
-
 def main() -> NoReturn:
     """Run the command of the process arguments, handle signals, and exit with the command's code."""
     open_streams()
-    with _signals_heard() as heard:
+    heard = _Heard()
+    former = {number: signal.signal(number, heard.hear) for number in SIGNAL_NAMES}
+    try:
         code = run(sys.argv[1:])
         if code == INTERRUPTED and heard.last is not None:
             write_error(heard.sentence(heard.last))
             code = 128 + heard.last
+    finally:
+        for number, handler in former.items():
+            signal.signal(number, handler)
     sys.exit(code)
 
 

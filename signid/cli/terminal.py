@@ -246,20 +246,6 @@ def _same(path: Path, other: Path) -> bool:
         return False
 
 
-def write_columns(output: str | None, columns: Mapping[str, Array]) -> Sequence[Path]:
-    """Write columns to a file, if one was named; it appears when complete.
-
-    columns: (N,) each, by name [units of the columns of these names].
-    """
-    from ..output.report import write_files
-    from ..recording.formats import find_format
-
-    if output is None:
-        return []
-    path = Path(output)
-    return write_files(path.parent, {path.name: find_format(path).encode(columns, path.name)}, named=True)
-
-
 def deliver(
     result: Any,
     inputs: Sequence[Input],
@@ -277,13 +263,16 @@ def deliver(
     columns: (N,) each, by name [units of the columns of these names].
     """
     from ..output.report import document, tables, to_json, write_files
+    from ..recording.formats import find_format
 
     content = document(result, inputs, **given)
     text, name = to_json(content), content["schema"].removeprefix("signid.").removesuffix("/1")
-    if columns is not None or output is None:
-        written = [*write_columns(output, columns or {})]
-    else:
-        written = write_files(output, {f"{name}.json": text, **files})
+    written = []
+    if output is not None and columns is not None:
+        path = Path(output)
+        written += write_files(path.parent, {path.name: find_format(path).encode(columns, path.name)}, named=True)
+    elif output is not None:
+        written += write_files(output, {f"{name}.json": text, **files})
     written += write_logs(*logs) if logs else []
     given.pop("seed", None)
     return show(text if json else tables(result, **given), getattr(result, "flags", ()), written)

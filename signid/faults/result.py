@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import named_for_caller
+from ..frozen import name_arguments
 from ..types import Array, Frozen, Input, Recording
 
 REFUSE, WARN, NOTE = "refuse", "warn", "note"
@@ -25,9 +25,7 @@ class RecordingFault:
     measures: Mapping[str, float]
     sentence: str
     alternatives: tuple[tuple[str, tuple[str, ...]], ...] = ()  # kinds and joints that explain it equally well
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "sentence", named_for_caller(self.sentence))
+    __post_init__ = name_arguments
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,6 +104,7 @@ class JointAudit:
     quantum: float  # [unit] smallest step of q
     flags: tuple[str, ...] = ()  # faults
     limits: tuple[str, ...] = ()  # what makes the numbers of the audit inexact
+    __post_init__ = name_arguments
 
     def numbers(self) -> dict[str, Any]:
         """All numbers by name, for JSON."""
@@ -131,7 +130,7 @@ class ServoAudit(Frozen):
     def flags(self) -> tuple[str, ...]:
         """Reasons not to rely on the recordings, one sentence each; empty for healthy ones."""
         columns = [flag for recording in self.recordings for flag in recording.flags]
-        return tuple(dict.fromkeys(map(named_for_caller, (*columns, *self.faults, *self.limits))))
+        return tuple(dict.fromkeys((*columns, *self.faults, *self.limits)))
 
     @property
     def faults(self) -> tuple[str, ...]:

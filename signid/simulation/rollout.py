@@ -181,7 +181,11 @@ def simulate_windows(model: Model, windows: Windows, integrator: str = "semi-imp
     plant.start(ahead[:, 0], windows.v[:, 0])
     plant.speed[:, plant.bodies.flex] = windows.flex[1]
     plant.state[:, plant.bodies.flex] = windows.flex[0] + half * windows.flex[1]
-    _remember(plant, windows)
+    for term in plant.remembering:  # memories of laws along the motion before the windows
+        j = list(term.view.joints)
+        for v in windows.before.swapaxes(0, 1):
+            x = Trial(0.0, v[:, j], dt=windows.period, joints=term.view.joints)
+            term.z = of_kind(term.effect, TorqueLaw).advance(term.z, x, **term.shape)
     blind, error = plant.bodies.motor[~windows.measured], np.full_like(windows.q[:, 1:], np.nan)
     diverged = np.zeros((len(windows.t), 1), dtype=bool)
     with np.errstate(all="ignore"):
@@ -201,15 +205,6 @@ def simulate_windows(model: Model, windows: Windows, integrator: str = "semi-imp
     error = np.where(np.abs(error) < MAX_POSITION_ERROR, error, np.inf)
     error[..., ~windows.measured] = np.nan
     return error
-
-
-def _remember(plant: Plant, windows: Windows) -> None:
-    """Advance the memories of laws along the motion before the windows."""
-    for term in plant.remembering:
-        j = list(term.view.joints)
-        for v in windows.before.swapaxes(0, 1):
-            x = Trial(0.0, v[:, j], dt=windows.period, joints=term.view.joints)
-            term.z = of_kind(term.effect, TorqueLaw).advance(term.z, x, **term.shape)
 
 
 def restrict_joints(model: Model, recordings: Sequence[Recording]) -> tuple[Model, tuple[str, ...]]:

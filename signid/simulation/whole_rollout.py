@@ -66,7 +66,15 @@ def one_joint_numbers(model: Model) -> Array | None:
     shaped = [law.effect.name for law in laws if law.effect.name in SLOTS and SLOTS[law.effect.name][1]]
     if any(law.effect.name not in SLOTS for law in laws) or len(set(shaped)) < len(shaped):
         return None
-    out = _body_numbers(model)
+    bodies, out = model.bodies(), np.zeros(COUNT)
+    data, drive = bodies.createData(), robot.drive[:, 0]
+    at = configuration(robot, np.array([[0.0], [np.pi / 2], [np.pi], [-np.pi / 2]]))
+    out[INERTIA] = joint_inertia(replace(robot, model=bodies), pin.crba(bodies, data, at[0]))[0, 0]
+    weight = [float(pin.computeGeneralizedGravity(bodies, data, q) @ drive) for q in at]
+    if robot.prismatic[0]:
+        out[CONSTANT] = weight[0]
+    else:  # a wave of the angle
+        out[SINE], out[COSINE] = (weight[1] - weight[3]) / 2, (weight[0] - weight[2]) / 2
     out[SPEED] = 1.0
     for law in laws:
         places, shapes = SLOTS[law.effect.name]
@@ -74,20 +82,6 @@ def one_joint_numbers(model: Model) -> Array | None:
             out[list(slots)] += value
         for key, slot in shapes.items():
             out[slot] = law.parameters[key]
-    return out
-
-
-def _body_numbers(model: Model) -> Array:
-    """Numbers of the bodies: inertia, and gravity as a constant or a wave of the angle."""
-    bodies, out = model.bodies(), np.zeros(COUNT)
-    data, drive = bodies.createData(), model.robot.drive[:, 0]
-    at = configuration(model.robot, np.array([[0.0], [np.pi / 2], [np.pi], [-np.pi / 2]]))
-    out[INERTIA] = joint_inertia(replace(model.robot, model=bodies), pin.crba(bodies, data, at[0]))[0, 0]
-    torque = [float(pin.computeGeneralizedGravity(bodies, data, q) @ drive) for q in at]
-    if model.robot.prismatic[0]:
-        out[CONSTANT] = torque[0]
-    else:
-        out[SINE], out[COSINE] = (torque[1] - torque[3]) / 2, (torque[0] - torque[2]) / 2
     return out
 
 

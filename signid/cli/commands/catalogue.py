@@ -31,7 +31,7 @@ from ..arguments import given_inputs, given_robot
 from ..terminal import BAD, DONE, bars, check_folder, show, write_error
 
 if TYPE_CHECKING:
-    from ...recording.gallery import DataSet
+    pass
 
 DEMO_FILES = "demo.json recording.csv held_out.csv diagnosis.json model.json robot.urdf report.html replay.html".split()
 BROWSER_VARIABLES = ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER")  # environment variables that indicate a browser on Linux
@@ -102,7 +102,8 @@ def _get(name: str, folder: Path, options: DataOptions, json: bool) -> int:
     """Download a data set unless it is complete, and list the commands that use it."""
     from ...output.report import Screen, probe_folder, to_json, write_files
     from ...output.report.results.recordings import data_card, data_document
-    from ...recording.gallery import DATA, check_source, fetch, is_complete
+    from ...recording.gallery import DATA, check_source, data_folder, fetch, is_complete
+    from ...robot.locate import robots_folder
 
     wanted, screen, source = DATA[name], Screen(), options.source
     place, base = folder / wanted.folder, wanted.base if source is None else check_source(source)
@@ -124,24 +125,16 @@ def _get(name: str, folder: Path, options: DataOptions, json: bool) -> int:
         screen.write(to_json(data_document([wanted], folder, written)))
     else:
         listed = ["written:", *(f"  {path}" for path in written)] if written else [f"{place} is already complete"]
-        screen.write("\n".join(["", *listed, "", *_next(wanted, folder), ""]))
+        listed.append("")
+        if not os.environ.get("SIGNID_DATA") or data_folder().resolve() != folder.resolve():
+            listed.append(f"export SIGNID_DATA={shlex.quote(str(folder.resolve()))}")
+        robots = robots_folder()
+        here = robots.relative_to(Path.cwd()) if robots.is_relative_to(Path.cwd()) else robots
+        places = {"folder": shlex.quote(str(place)), "robots": shlex.quote(str(here))}
+        script = f"python {shlex.quote(str(here / wanted.name / 'identify.py'))}"
+        example = wanted.example.format(**places) if wanted.example else script
+        screen.write("\n".join(["", *listed, example, ""]))
     return DONE
-
-
-def _next(wanted: DataSet, folder: Path) -> list[str]:
-    """Commands that use the data set."""
-    from ...recording.gallery import data_folder
-    from ...robot.locate import robots_folder
-
-    lines = []
-    if not os.environ.get("SIGNID_DATA") or data_folder().resolve() != folder.resolve():
-        lines.append(f"export SIGNID_DATA={shlex.quote(str(folder.resolve()))}")
-    robots = robots_folder()
-    here = robots.relative_to(Path.cwd()) if robots.is_relative_to(Path.cwd()) else robots
-    if wanted.example:
-        places = {"folder": folder / wanted.folder, "robots": here}
-        return [*lines, wanted.example.format(**{name: shlex.quote(str(path)) for name, path in places.items()})]
-    return [*lines, f"python {shlex.quote(str(here / wanted.name / 'identify.py'))}"]
 
 
 @command("signid demo --robot panda")

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from ...diagnose import Diagnosis
     from ...model import Model
     from ...servo.diagnose import ServoDiagnosis
-    from ...types import Recording, Robot
+    from ...types import Recording
     from ..terminal import Logs
 
 ROBOT_SUFFIXES = (".urdf", ".xacro", ".xml", ".mjcf", ".sdf")
@@ -220,7 +220,10 @@ def validate(
     models = {readable(source.simulation): given_model(source)[0] for source in sources}
     read = given_recordings(
         recordings,
-        max((model.robot for model in models.values()), key=_known),
+        max(  # with most joints and torque constants
+            (model.robot for model in models.values()),
+            key=lambda robot: (len(robot.joints), sum(map(isfinite, robot.actuators.torque_constant.tolist()))),
+        ),
         validation.columns,
         rate=validation.rate,
         output=validation.output,
@@ -247,11 +250,6 @@ def validate(
     with bars(run.json) as progress:
         result = judge(models, read, options=options, rollout=validation.rollout, horizon=horizon, progress=progress)
     return deliver_report(result, inputs, validation.output, run.json, given_command(context))
-
-
-def _known(robot: Robot) -> tuple[int, int]:
-    """Numbers of joints and of torque constants: recordings are read for the robot that has most."""
-    return len(robot.joints), sum(map(isfinite, robot.actuators.torque_constant.tolist()))
 
 
 def _sort_arguments(given: Sequence[str]) -> tuple[list[str], list[str]]:

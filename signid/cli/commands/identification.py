@@ -49,7 +49,6 @@ if TYPE_CHECKING:
     from ...check import Check
     from ...estimation.standard import Search
     from ...faults import ServoAudit, UnusableRecordings
-    from ...types import Robot
 
 
 @command("signid inspect panda --joints panda_joint6,panda_joint7")
@@ -90,8 +89,9 @@ def check(
     """
     from numpy.linalg import LinAlgError
 
-    from ...check import unusable
-    from ...recording import is_recording
+    from ...check import check as judge, unusable
+    from ...faults import ServoAudit
+    from ...recording import is_recording, read_bare
     from ...recording.source import digest_of
     from ...types import Input
     from ..terminal import CHECK_FILES, deliver_report
@@ -104,7 +104,18 @@ def check(
     described = None if bare else given_robot(robot.robot, under_gravity(robot, paths, rows.columns))
     found: Check | ServoAudit | UnusableRecordings
     try:
-        found = _checked(context, described, paths, rows, run, unsigned=unsigned, output=output)
+        if described is None:
+            from ...faults.commands import audit_servos
+
+            bares = [read_bare(path, columns=rows.columns, rate=rows.rate) for path in paths]
+            units = {joint: unit for _, stated in bares for joint, unit in stated.items()}
+            found = audit_servos([recording for recording, _ in bares], units)
+        else:
+            read = given_recordings(paths, described, rows.columns, unsigned, rows.rate, output=output, quiet=run.json)
+            with bars(run.json) as progress:
+                found = judge(described, read, options=given_options(rows, run.seed), progress=progress)
+            if isinstance(found, ServoAudit) and not has_drives(read):  # options for torque exclude it
+                instead_of_torque(context, RecordingError(found.notes[0].partition(": ")[2]), read, "checked")
     except (RecordingError, LinAlgError, ArithmeticError) as error:
         found = unusable(paths, error, rows.columns)
     if described is not None:
@@ -113,35 +124,6 @@ def check(
         inputs = [Input(readable(rows.columns), digest_of(Path(rows.columns)), "columns")] if rows.columns else []
     named = {} if hasattr(found, "robot") else {"robot": described.name if described else ""}
     return deliver_report(found, inputs, output, run.json, given_command(context), seed=run.seed, **named)
-
-
-def _checked(
-    context: typer.Context,
-    described: Robot | None,
-    paths: Sequence[str],
-    rows: RowOptions,
-    run: RunOptions,
-    *,
-    unsigned: bool,
-    output: str | None,
-) -> Check | ServoAudit | UnusableRecordings:
-    """Check of torque, or audit of position drives, which options for torque exclude."""
-    from ...check import check as judge
-    from ...faults import ServoAudit
-
-    if described is None:
-        from ...faults.commands import audit_servos
-        from ...recording import read_bare
-
-        read = [read_bare(path, columns=rows.columns, rate=rows.rate) for path in paths]
-        units = {joint: unit for _, own in read for joint, unit in own.items()}
-        return audit_servos([recording for recording, _ in read], units)
-    given = given_recordings(paths, described, rows.columns, unsigned, rows.rate, output=output, quiet=run.json)
-    with bars(run.json) as progress:
-        found = judge(described, given, options=given_options(rows, run.seed), progress=progress)
-    if isinstance(found, ServoAudit) and not has_drives(given):
-        instead_of_torque(context, RecordingError(found.notes[0].partition(": ")[2]), given, "checked")
-    return found
 
 
 @dataclass(frozen=True, kw_only=True)

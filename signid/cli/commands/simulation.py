@@ -29,7 +29,7 @@ from .drives import SERVO_PREFIX, injected_numbers
 
 if TYPE_CHECKING:
     from ...model import Model
-    from ...simulation.excite import Excitation, Limits, Separation
+    from ...simulation.excite import Excitation, Separation
     from ...simulation.plant import Torques
     from ...simulation.plant.control import Tracking
     from ...types import Array, Law, Recording, Robot, Trajectory
@@ -267,20 +267,29 @@ def excite(excitation: ExciteOptions, robot: RobotArguments, run: RunOptions) ->
     The motion respects the limits, avoids self-collision, and begins and ends at rest. Its columns t, q_J, dq_J, ddq_J
     fit signid simulate --motion. With --separate the motion discriminates two laws; if no motion can, the exit code is
     3. Parameters of a law that are not given take their usual values.
+
+    Raises:
+        OptionError: a share of a limit is too small or too large.
     """
-    from ...simulation.excite import excite as optimise, separate
+    from ...simulation.excite import build_limits, excite as optimise, separate
     from ..terminal import deliver
 
     source = robot.simulation
     check_file(excitation.output, run.json, [source.simulation, source.actuators])
     model, _ = given_model(source)
     rivals = _rivals(excitation.separate, model.robot)
+    scales = {name: getattr(excitation, f"{name}_scale") for name in ("velocity", "acceleration", "torque")}
+    for name, scale in scales.items():
+        if not MIN_SCALE <= scale <= MAX_SCALE:
+            allowed = f"from {MIN_SCALE:g} to {MAX_SCALE:g}"
+            raise OptionError(f"--{name}-scale is {scale:g}; give a share of the limits, {allowed}")
+    limits = build_limits(model.robot)
     options: dict[str, Any] = {
         "duration": excitation.duration,
         "clearance": excitation.clearance,
         "rate": excitation.rate,
         "seed": run.seed,
-        "limits": _limits(model.robot, excitation),
+        "limits": replace(limits, **{name: scale * getattr(limits, name) for name, scale in scales.items()}),
     }
     options |= {} if excitation.harmonics is None else {"harmonics": excitation.harmonics}
     found: Excitation | Separation
@@ -324,15 +333,3 @@ def _rivals(texts: list[str] | None, robot: Robot) -> tuple[Law, Law] | None:
         raise OptionError(f"--separate {','.join(texts)!r} does not name two laws; write two, such as A@JOINT,B@JOINT")
     first, second = (parse_law(text, robot, partial=True) for text in laws)
     return first, second
-
-
-def _limits(robot: Robot, asked: ExciteOptions) -> Limits:
-    from ...simulation.excite import build_limits
-
-    given = {name: getattr(asked, f"{name}_scale") for name in ("velocity", "acceleration", "torque")}
-    for name, value in given.items():
-        if not MIN_SCALE <= value <= MAX_SCALE:
-            allowed = f"from {MIN_SCALE:g} to {MAX_SCALE:g}"
-            raise OptionError(f"--{name}-scale is {value:g}; give a share of the limits, {allowed}")
-    limits = build_limits(robot)
-    return replace(limits, **{name: value * getattr(limits, name) for name, value in given.items()})

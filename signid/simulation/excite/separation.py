@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, NamedTuple
@@ -19,7 +19,7 @@ from ...regression.motion import Motion
 from ...regression.projection import leave
 from ...regression.rows import away_from_reversals
 from ...typed import typed
-from ...types import Array, Frozen, Law, Mask, Progress, Trajectory
+from ...types import Array, Frozen, Law, Progress, Trajectory
 from .design import EXTRA_GAP, MIN_CLEARANCE, MOTION_SEARCH, make_feasible, time_grid
 from .families import (
     Family,
@@ -95,7 +95,12 @@ def law_distance(law: Law, rival: Law, motion: Motion, nuisance: Array, noise: A
 
     Source: T-optimality, Atkinson, Fedorov, Biometrika 62(1), 1975.
     """
-    weight = _certain_samples(motion, {j for one in (law, rival) if one.effect.reverses for j in one.joints}) / noise
+    at = list({j for acting in (law, rival) if acting.effect.reverses for j in acting.joints})
+    sign = np.sign(motion.v)  # a reversal may lie between two samples
+    speed = np.where(np.diff(sign, axis=0, append=sign[-1:]) != 0, 0.0, motion.v)
+    certain = np.ones(motion.v.shape, dtype=bool)
+    certain[:, at] = away_from_reversals(speed[:, at], round(NEAR_TIME / motion.dt), np.full(len(at), DIRECTION_SPEED))
+    weight = certain / noise
     stated = Law(law.effect, law.joints, {**law.effect.example, **law.parameters})
     rows, torque = law_torque(stated, motion)
     wide = np.zeros_like(motion.q)
@@ -125,15 +130,6 @@ def with_torque(model: Model, trajectory: Trajectory) -> Motion:
     slow = np.full(q.shape[1], DIRECTION_SPEED)
     torque = model.inverse(Motion(model.robot, t, q, v, a, slow=slow))
     return Motion(model.robot, t, q, v, a, recorded=torque, predicted=torque, slow=slow)
-
-
-def _certain_samples(motion: Motion, joints: Collection[int]) -> Mask:
-    """Mask (N, n) of samples that are not near a reversal of some joints; a reversal may lie between two samples."""
-    sign, at = np.sign(motion.v), list(joints)
-    speed = np.where(np.diff(sign, axis=0, append=sign[-1:]) != 0, 0.0, motion.v)
-    certain = np.ones(motion.v.shape, dtype=bool)
-    certain[:, at] = away_from_reversals(speed[:, at], round(NEAR_TIME / motion.dt), np.full(len(at), DIRECTION_SPEED))
-    return certain
 
 
 def _law_shapes(law: Law, motion: Motion) -> Iterator[Law]:
@@ -187,7 +183,16 @@ def separate(
     Source: T-optimality, Atkinson, Fedorov, Biometrika 62(1), 1975.
     """
     model = torque_model(as_model(model, "separate"))
-    _refuse(model, first, second, nuisance)
+    for law in (first, second):
+        if law.joints not in candidate_places(law.effect, len(model.robot.joints)):
+            raise OptionError(
+                f"{law.effect.name} cannot act at joints {law.joints} of {model.robot.name}; choose from "
+                f"{candidate_places(law.effect, len(model.robot.joints))[:8]}, counted from 0"
+            )
+    if (first.effect.name, first.joints) == (second.effect.name, second.joints):
+        raise OptionError(f"both laws are {first.effect.name} at the same joints; give two that differ")
+    if nuisance not in ("friction", "bodies"):
+        raise OptionError(f"there is no nuisance {nuisance!r}; choose from friction, bodies")
     check_duration(duration, harmonics, 1 / duration if duration > 0 else 0.0)
     check_rows(duration, rate)
     limits = limits or build_limits(model.robot)
@@ -242,19 +247,6 @@ def _pair_flags(first: Law, second: Law, distance: Distance, ways: Sequence[int]
             f"{MIN_LAMBDA:g} is needed",
         )
     return ()
-
-
-def _refuse(model: Model, first: Law, second: Law, nuisance: str) -> None:
-    for law in (first, second):
-        if law.joints not in candidate_places(law.effect, len(model.robot.joints)):
-            raise OptionError(
-                f"{law.effect.name} cannot act at joints {law.joints} of {model.robot.name}; choose from "
-                f"{candidate_places(law.effect, len(model.robot.joints))[:8]}, counted from 0"
-            )
-    if (first.effect.name, first.joints) == (second.effect.name, second.joints):
-        raise OptionError(f"both laws are {first.effect.name} at the same joints; give two that differ")
-    if nuisance not in ("friction", "bodies"):
-        raise OptionError(f"there is no nuisance {nuisance!r}; choose from friction, bodies")
 
 
 class _Candidate(NamedTuple):

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich.console import RenderableType
 
-from .....errors import named_for_caller
 from .....estimation.excitation import MIN_INFO
 from .....faults import OF_A_FIT
 from .....faults.gravity import WHOLE
@@ -380,8 +379,8 @@ def audit_page(
 
 def _about_fault(found: ServoAudit, flag: str) -> tuple[str, ...]:
     """Joints that a fault is about."""
-    ends = {one.joint: [named_for_caller(x.removeprefix(one.joint)) for x in one.flags] for one in found.joints}
-    return tuple(joint for joint, own in ends.items() if flag.endswith(tuple(own)))
+    ends = {one.joint: tuple(x.removeprefix(one.joint) for x in one.flags) for one in found.joints}
+    return tuple(joint for joint, said in ends.items() if flag.endswith(said))
 
 
 def _drive_headline(found: ServoAudit, faults: Sequence[FaultWords], which: Identifiable) -> tuple[str, str]:
