@@ -211,5 +211,5 @@ def inspect(robot: ModelSource, effects: Sequence[str] = EFFECT_NAMES, seed: int
     """
     robot = as_robot(robot, "inspect")
     laws = [Law(EFFECTS[name], (j,)) for name in effects for j in range(len(robot.joints))]
-    found = audit(robot)
-    return Inspection(robot, build_base(robot, laws, seed), found.suspects, (*found.before(), *found.notes))
+    audited = audit(robot)
+    return Inspection(robot, build_base(robot, laws, seed), audited.suspects, (*audited.before(), *audited.notes))

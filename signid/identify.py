@@ -270,15 +270,15 @@ def _refined(found: Identification, candidates: Sequence[str]) -> Identification
     return replace(found, refinement=result, refined=model, notes=notes)
 
 
-def _unlike(found: Identification, recovered: Recovered) -> str:
+def _unlike(fitted: Identification, recovered: Recovered) -> str:
     """Why held-out rows must not be learned from; empty if they may."""
-    fit = found.fit
+    fit = fitted.fit
     far = fit.held_out_rms > MAX_REFIT_RMS_RATIO * np.maximum(fit.train_rms, fit.noise_floor)
     if far.any():
         worst = shorten([fit.joints[j] for j in np.flatnonzero(far)])
         return f"its errors there are more than {MAX_REFIT_RMS_RATIO:g} times those of the training rows ({worst})"
-    learned = {recording for recording, _ in found.session.learned}
-    if recovered.signs is not None and any(recording not in learned for recording, _ in found.session.held_out):
+    learned = {recording for recording, _ in fitted.session.learned}
+    if recovered.signs is not None and any(recording not in learned for recording, _ in fitted.session.held_out):
         return "the signs of their torque follow from this model"
     return ""
 

@@ -133,9 +133,9 @@ def _expanded(function: Callable[..., int]) -> Callable[..., int]:
     groups: dict[str, tuple[type[Any], tuple[str, ...]]] = {}
     for parameter in signature(function, eval_str=True).parameters.values():
         if is_dataclass(parameter.annotation) and isinstance(parameter.annotation, type):
-            own = _parameters(parameter.annotation)
-            groups[parameter.name] = parameter.annotation, tuple(option.name for option in own)
-            flat += own
+            options = _parameters(parameter.annotation)
+            groups[parameter.name] = parameter.annotation, tuple(option.name for option in options)
+            flat += options
         else:
             flat.append(parameter.replace(kind=Parameter.KEYWORD_ONLY))
     flat.sort(key=lambda parameter: parameter.name in LAST_OPTIONS)
@@ -178,12 +178,12 @@ def bounded(option: str, value: float, most: float = MAX_MAGNITUDE) -> float:
 
 
 def _parameters(group: type[Any]) -> list[Parameter]:
-    found, hints = list[Parameter](), get_type_hints(group, include_extras=True)
+    parameters, hints = list[Parameter](), get_type_hints(group, include_extras=True)
     for item in fields(group):
         default = Parameter.empty if item.default is MISSING else item.default
         kind = Annotated[hints[item.name], item.metadata["option"]] if item.metadata else hints[item.name]
-        found.append(Parameter(item.name, Parameter.KEYWORD_ONLY, default=default, annotation=kind))
-    return found
+        parameters.append(Parameter(item.name, Parameter.KEYWORD_ONLY, default=default, annotation=kind))
+    return parameters
 
 
 def complete_robot(incomplete: str) -> list[str]:
@@ -205,7 +205,7 @@ def complete_data(incomplete: str) -> list[str]:
     """Names of public data sets that begin with a text."""
     from ..recording.gallery import DATA
 
-    return _beginning(incomplete, (one.name for one in DATA))
+    return _beginning(incomplete, (data.name for data in DATA))
 
 
 def complete_number(incomplete: str) -> list[str]:

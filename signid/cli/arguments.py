@@ -140,17 +140,17 @@ def given_recordings(
     from ..recording import read_recording
     from ..recording.source import reading_beside, reading_path
 
-    found = []
+    recordings = []
     for path in paths or ():
         closed = output if output is not None and not os.access(Path(path).parent, os.W_OK) else None
         own = columns or (closed and reading_beside(path, closed))
         try:
-            found.append(read_recording(path, robot, columns=own or None, unsigned=unsigned, rate=rate))
+            recordings.append(read_recording(path, robot, columns=own or None, unsigned=unsigned, rate=rate))
         except UndecidedReading as error:
             raise written_reading(error, reading_path(path, closed)) from None
         if not quiet:
-            print_reading(found[-1].path, found[-1].reading)
-    return found
+            print_reading(recordings[-1].path, recordings[-1].reading)
+    return recordings
 
 
 def print_reading(path: str, reading: Reading | None) -> None:

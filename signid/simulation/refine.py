@@ -164,7 +164,7 @@ def _fit_once(model: Model, windows: Sequence[Windows], scale: Array, step: floa
 
 def window_rms(model: Model, windows: Sequence[Windows]) -> Array:
     """Root mean square (W, n) [rad or m] of the position error of each window; infinite where it diverges."""
-    return np.concatenate([np.sqrt(np.mean(position_errors(model, one) ** 2, axis=1)) for one in windows])
+    return np.concatenate([np.sqrt(np.mean(position_errors(model, window) ** 2, axis=1)) for window in windows])
 
 
 def subset(windows: Windows, rows: Indices) -> Windows:
@@ -264,8 +264,8 @@ def is_better(errors: Array, before: Array) -> bool:
 
 def _best_addition(model: Model, name: str, windows: Sequence[Windows], scale: Array) -> LawTrial | None:
     """The best trial of a law beside the others, over its start values; None where nothing changes friction."""
-    effect, own = EFFECTS[name], {law.effect.name for law in model.laws}
-    if name in own or (effect.changes and not own & set(effect.changes)):
+    effect, known = EFFECTS[name], {law.effect.name for law in model.laws}
+    if name in known or (effect.changes and not known & set(effect.changes)):
         return None
     starts = [fit_windows(start, windows, scale, *FIRST_FIT_STEPS) for start in _law_starts(model, name, windows)]
     cost = [float(np.mean(window_rms(start, windows) ** 2)) for start in starts]
@@ -416,11 +416,11 @@ def _fit_whole(model: Model, train: Sequence[Part], windows: Sequence[Windows]) 
         check_whole(model, [recording for recording, _ in train])
     except InputError:
         return model, False
-    runs = [one for part in train for one in whole_windows(model, part)]
+    runs = [window for part in train for window in whole_windows(model, part)]
     if not runs or not (window_rms(model, runs) < MAX_RELATIVE_ERROR * _motion_std(runs)).all():
         return model, False
     together = [*windows, *runs]
-    errors = np.array([np.sqrt(np.mean(window_rms(model, [one]) ** 2, axis=0)) for one in together])
-    size = np.array([one.q.shape[0] * one.q.shape[1] for one in together])
+    errors = np.array([np.sqrt(np.mean(window_rms(model, [window]) ** 2, axis=0)) for window in together])
+    size = np.array([window.q.shape[0] * window.q.shape[1] for window in together])
     scale = np.where(errors > 0, errors, 1.0) * np.sqrt(size / size.sum())[:, None]
     return fit_windows(model, together, scale), True

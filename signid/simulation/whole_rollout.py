@@ -175,13 +175,13 @@ def roll_out_whole(model: ModelSource, recordings: Recordings) -> WholeRollOut:
         RecordingError: a recording cannot be used.
     """
     model = torque_model(as_model(model, "roll_out_whole"))
-    each = as_recordings(recordings, model.robot, "roll_out_whole")
-    need_torque(each)
-    model, notes = restrict_joints(model, each)
-    check_whole(model, each)
+    read = as_recordings(recordings, model.robot, "roll_out_whole")
+    need_torque(read)
+    model, notes = restrict_joints(model, read)
+    check_whole(model, read)
     found = [
         (k, windows, position_errors(model, windows)[0])
-        for k, recording in enumerate(each)
+        for k, recording in enumerate(read)
         for windows in whole_windows(model, (recording, survey(recording, model.robot)))
     ]
     if not found:

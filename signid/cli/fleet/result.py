@@ -81,7 +81,7 @@ def _moment(outcome: Outcome) -> tuple[float, int]:
 
 def _latest(sessions: Sequence[Outcome]) -> Outcome:
     """The last session with a known mismatch, or else the last session."""
-    return ([one for one in sessions if one.summary.mismatch is not None] or sessions)[-1]
+    return ([session for session in sessions if session.summary.mismatch is not None] or sessions)[-1]
 
 
 def _fields_of(source: object, keys: str) -> Mapping[str, Any]:
@@ -158,7 +158,7 @@ def find_changes(robots: Iterable[Sequence[Outcome]]) -> list[Difference]:
         since: dict[tuple[str, str], int] = {}
         for k in range(1, len(sessions)):
             compared = _compared(sessions[k], sessions[:k], SESSION_SPREAD, since)
-            since |= {one.number[:2]: k for one in compared if one.found}
+            since |= {difference.number[:2]: k for difference in compared if difference.found}
             found += compared
     return sorted(found, key=_rank)
 
@@ -167,11 +167,12 @@ def find_outliers(kinds: Iterable[Sequence[Outcome]]) -> list[Difference]:
     """Parameters of each robot beside those of the others of its kind, the most probable outlier first."""
     pairs = ((robots, k) for robots in kinds for k in range(len(robots)))
     compared = (_compared(robots[k], [*robots[:k], *robots[k + 1 :]], ROBOT_SPREAD, {}) for robots, k in pairs)
-    return sorted((one for some in compared for one in some if len(one.others) >= MIN_KIND_ROBOTS - 1), key=_rank)
+    differences = (difference for group in compared for difference in group)
+    return sorted((x for x in differences if len(x.others) >= MIN_KIND_ROBOTS - 1), key=_rank)
 
 
-def _rank(one: Difference) -> tuple[float, str, str, str]:
-    return -one.odds, one.at.entry.name, one.at.entry.session, one.number.what
+def _rank(difference: Difference) -> tuple[float, str, str, str]:
+    return -difference.odds, difference.at.entry.name, difference.at.entry.session, difference.number.what
 
 
 def change_document(sessions: Sequence[Sequence[Outcome]]) -> dict[str, Any]:
@@ -197,34 +198,34 @@ def change_document(sessions: Sequence[Sequence[Outcome]]) -> dict[str, Any]:
     }
 
 
-def _row(one: Difference) -> dict[str, Any]:
-    number = one.number
+def _row(difference: Difference) -> dict[str, Any]:
+    number = difference.number
     return {
-        "name": one.at.entry.name,
-        "kind": one.at.summary.kind,
+        "name": difference.at.entry.name,
+        "kind": difference.at.summary.kind,
         "number": number.what,
         "title": _title(number),
         "effect": number.effect or None,
         **{key: getattr(number, key) for key in ("joint", "partner", "unit")},
-        "finding": one.found,
-        "probability": one.probability,
-        "log_bayes_factor": one.odds,
-        "spread": one.spread,
-        "change": number.value - one.centre,
+        "finding": difference.found,
+        "probability": difference.probability,
+        "log_bayes_factor": difference.odds,
+        "spread": difference.spread,
+        "change": number.value - difference.centre,
     }
 
 
-def _change(one: Difference) -> dict[str, Any]:
-    at, last = one.at.entry, one.others[-1].entry
-    before = {"sessions": [other.entry.session for other in one.others], "time": last.time}
-    after = {"session": at.session, "time": at.time, "value": one.number.value, "std": one.number.std}
-    return {**_row(one), "before": {**before, "value": one.centre, "std": one.centre_std}, "after": after}
+def _change(change: Difference) -> dict[str, Any]:
+    at, last = change.at.entry, change.others[-1].entry
+    before = {"sessions": [other.entry.session for other in change.others], "time": last.time}
+    after = {"session": at.session, "time": at.time, "value": change.number.value, "std": change.number.std}
+    return {**_row(change), "before": {**before, "value": change.centre, "std": change.centre_std}, "after": after}
 
 
-def _outlier(one: Difference) -> dict[str, Any]:
-    own = {"session": one.at.entry.session, "value": one.number.value, "std": one.number.std}
-    others = {"robots": [other.entry.name for other in one.others], "least": one.least, "median": one.centre}
-    return {**_row(one), **own, "others": {**others, "most": one.most}}
+def _outlier(outlier: Difference) -> dict[str, Any]:
+    number = {"session": outlier.at.entry.session, "value": outlier.number.value, "std": outlier.number.std}
+    others = {"robots": [other.entry.name for other in outlier.others], "least": outlier.least}
+    return {**_row(outlier), **number, "others": {**others, "median": outlier.centre, "most": outlier.most}}
 
 
 def _title(number: Number) -> str:
@@ -370,7 +371,7 @@ class Summary(NamedTuple):
     @property
     def causes(self) -> list[Cause]:
         """Without corrections."""
-        return [one for one in self.found if one.role == "cause"]
+        return [cause for cause in self.found if cause.role == "cause"]
 
     @property
     def explained(self) -> float | None:
@@ -403,7 +404,7 @@ def summarise(task: str, document: Mapping[str, Any]) -> Summary:
     if task == "identify":
         return Summary(kind, mismatch, joint, numbers=tuple(_identified(document)))
     left = None if mismatch is None else _over(fit["after"], -j)
-    found = tuple(_cause(one) for one in document["findings"])
+    found = tuple(_cause(finding) for finding in document["findings"])
     numbers = tuple(number for cause in found for number in cause.numbers)
     tolerance = float(document.get("tolerance") or 0.0)
     return Summary(kind, mismatch, joint, left, str(document["verdict"]), numbers, found, tolerance)
@@ -441,7 +442,7 @@ def _identified(document: Mapping[str, Any]) -> Iterator[Number]:
 def _numbers(
     parameters: Mapping[str, Mapping[str, Any]], effect: str, joint: str | None, partner: str | None = None
 ) -> Iterator[Number]:
-    for key, one in parameters.items():
-        if key != "partner" and one["value"] is not None and one["std"]:
-            what, value, std = f"{_law_name(effect, joint, partner)}: {key}", float(one["value"]), float(one["std"])
-            yield Number(what, one["unit"], value, std, effect, joint, partner)
+    for key, parameter in parameters.items():
+        if key != "partner" and parameter["value"] is not None and parameter["std"]:
+            what, (value, std) = f"{_law_name(effect, joint, partner)}: {key}", (parameter[x] for x in ("value", "std"))
+            yield Number(what, parameter["unit"], float(value), float(std), effect, joint, partner)

@@ -205,8 +205,8 @@ def separate(
     pair = LawPair(problem, first, second, nuisance == "bodies")
     search = _MotionSearch(pair, at_rate(duration, density), families, seed, progress)
     pool = search.random_pool()
-    ways = tuple(way for way in (0, 1) if max(one.distance.shares[way] for one in pool) > EQUAL_LAW_SHARE)
-    ends = search.improve(pool, ways) if ways else [max(pool, key=lambda one: float(np.ptp(one.x[:, 1:])))]
+    ways = tuple(way for way in (0, 1) if max(candidate.distance.shares[way] for candidate in pool) > EQUAL_LAW_SHARE)
+    ends = search.improve(pool, ways) if ways else [max(pool, key=lambda candidate: float(np.ptp(candidate.x[:, 1:])))]
     feasible = [(end.family, make_feasible(problem, end.family, end.x)) for end in ends]
     family, best = max(feasible, key=lambda end: search.objective(end[0], end[1].x, ways))
     distance = search.distance(family, best.x)
@@ -217,7 +217,7 @@ def separate(
         laws=(first, second),
         distances=distance.seen,
         shares=distance.shares,
-        median=float(np.median([search.smaller(one.distance, ways) for one in pool])),
+        median=float(np.median([search.smaller(candidate.distance, ways) for candidate in pool])),
         structural=not ways,
         noise=problem.noise,
         use=problem.use(fine),
@@ -274,18 +274,18 @@ class _MotionSearch(Frozen):
 
     def random_pool(self) -> list[_Candidate]:
         """Random motions of random centre and size, scaled to the limits of position, velocity and acceleration."""
-        rng, limits, found = np.random.default_rng(self.seed), self.laws.problem.limits, []
+        rng, limits, candidates = np.random.default_rng(self.seed), self.laws.problem.limits, []
         for k in range(POOL_MOTIONS):
             family = self.families[k % len(self.families)]
             x = random_parameters(self._bases[id(family)], limits, rng, POOL_LIMIT_SHARES)
-            found.append(_Candidate(family, x, self.distance(family, x)))
+            candidates.append(_Candidate(family, x, self.distance(family, x)))
             self._report("drawing motions", k, POOL_MOTIONS)
-        return found
+        return candidates
 
     def improve(self, pool: Sequence[_Candidate], ways: Sequence[int]) -> list[_Candidate]:
         """The best motions of a pool, improved one after another."""
-        ranked = sorted(pool, key=lambda one: self.objective(one.family, one.x, ways), reverse=True)[:IMPROVED_MOTIONS]
-        return [self._improved(one, ways, k) for k, one in enumerate(ranked)]
+        ranked = sorted(pool, key=lambda candidate: self.objective(candidate.family, candidate.x, ways), reverse=True)
+        return [self._improved(candidate, ways, k) for k, candidate in enumerate(ranked[:IMPROVED_MOTIONS])]
 
     def distance(self, family: Family, x: Array) -> Distance:
         """Distance of the laws along the motion of parameters x (n, d) [rad or m]."""
