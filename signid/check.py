@@ -101,11 +101,10 @@ def unusable(
     """
     numbers = f"numbers lead to no result ({error}); check their units"
     reason, files, rows = str(error) if isinstance(error, RecordingError) else numbers, list[Input](), list[int]()
-    for recording in recordings:
-        if not isinstance(recording, Recording):
-            recording = open_source(recording, (), read_map(columns).heading)
-        files.append(Input(recording.path, recording.sha256, "recording"))
-        rows.append(recording.table.rows)
+    for given in recordings:
+        read = given if isinstance(given, Recording) else open_source(given, (), read_map(columns).heading)
+        files.append(Input(read.path, read.sha256, "recording"))
+        rows.append(read.table.rows)
     return UnusableRecordings(tuple(files), tuple(rows), (reason,))
 
 

@@ -267,7 +267,7 @@ def deliver(
 
     content = document(result, inputs, **given)
     text, name = to_json(content), content["schema"].removeprefix("signid.").removesuffix("/1")
-    written = []
+    written = list[Path]()
     if output is not None and columns is not None:
         path = Path(output)
         written += write_files(path.parent, {path.name: find_format(path).encode(columns, path.name)}, named=True)

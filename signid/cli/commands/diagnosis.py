@@ -213,10 +213,11 @@ def validate(
     sources = [SimulationArguments(simulation=name, **vars(robot)) for name in names]
     if not all(source.saved for source in sources):
         sources = [
-            SimulationArguments(simulation=one.simulation, gravity=one.gravity) if one.saved else one for one in sources
+            SimulationArguments(simulation=source.simulation, gravity=source.gravity) if source.saved else source
+            for source in sources
         ]
     stated = robot.actuators is not None and all(source.saved for source in sources)
-    sources = [replace(one, actuators=None) if stated else one for one in sources]
+    sources = [replace(source, actuators=None) if stated else source for source in sources]
     models = {readable(source.simulation): given_model(source)[0] for source in sources}
     read = given_recordings(
         recordings,
@@ -234,8 +235,8 @@ def validate(
         given_model(replace(sources[0], actuators=robot.actuators))
     inputs = [
         file
-        for one in sources
-        for file in simulation_inputs(one, models[readable(one.simulation)].robot, columns=validation.columns)
+        for source in sources
+        for file in simulation_inputs(source, models[readable(source.simulation)].robot, columns=validation.columns)
     ]
     if servo and validation.horizon is not None:
         raise OptionError(
