@@ -42,15 +42,17 @@ class Frozen:
         return f"{type(self).__name__}({', '.join(shown)})"
 
 
-def name_arguments(value: object) -> None:
-    """Let the sentences in these fields of a frozen value name arguments of Python; on the command line, options."""
-    for name in vars(value).keys() & {"flags", "notes", "sentence"}:
-        said = getattr(value, name)
-        named = named_for_caller(said) if isinstance(said, str) else tuple(map(named_for_caller, said))
-        object.__setattr__(value, name, named)
+class WithSentences:
+    """Base class of frozen types whose sentences name arguments of Python; on the command line, options."""
+
+    def __post_init__(self) -> None:
+        for name in vars(self).keys() & {"flags", "notes", "sentence"}:
+            said = getattr(self, name)
+            named = named_for_caller(said) if isinstance(said, str) else tuple(map(named_for_caller, said))
+            object.__setattr__(self, name, named)
 
 
-class Result(Frozen):
+class Result(Frozen, WithSentences):
     """Base class of results: a repr of at most 40 lines, HTML in notebooks and tables by name.
 
     Its `flags` and `notes` name arguments of Python; on the command line, options.
@@ -58,7 +60,7 @@ class Result(Frozen):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        name_arguments(self)
+        WithSentences.__post_init__(self)
 
     def __repr__(self) -> str:
         return str(show_with("text", self))

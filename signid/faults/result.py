@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..frozen import name_arguments
+from ..frozen import WithSentences
 from ..types import Array, Frozen, Input, Recording
 
 REFUSE, WARN, NOTE = "refuse", "warn", "note"
@@ -16,7 +16,7 @@ UNCERTAIN = "uncertain"  # verdict in files
 
 
 @dataclass(frozen=True)
-class RecordingFault:
+class RecordingFault(WithSentences):
     """Recording fault, with a sentence on the fault, its evidence and how to correct it."""
 
     kind: str  # "torque sign"
@@ -25,7 +25,6 @@ class RecordingFault:
     measures: Mapping[str, float]
     sentence: str
     alternatives: tuple[tuple[str, tuple[str, ...]], ...] = ()  # kinds and joints that explain it equally well
-    __post_init__ = name_arguments
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +71,7 @@ SCHEMA = "signid.check/1"
 
 
 @dataclass(frozen=True)
-class JointAudit:
+class JointAudit(WithSentences):
     """How one joint follows its commanded position; NaN where the recordings do not show it.
 
     Lengths are in `unit`, "" where the recording does not state one.
@@ -104,7 +103,6 @@ class JointAudit:
     quantum: float  # [unit] smallest step of q
     flags: tuple[str, ...] = ()  # faults
     limits: tuple[str, ...] = ()  # what makes the numbers of the audit inexact
-    __post_init__ = name_arguments
 
     def numbers(self) -> dict[str, Any]:
         """All numbers by name, for JSON."""
