@@ -21,9 +21,8 @@ from signid import identify, load_robot
 from signid.effects import EFFECTS
 from signid.model import Model, stated_inertials
 from signid.regression.session import Options
-from signid.simulation.refine import refine
-from signid.simulation.refine.fit import LAWS, coordinates_of
-from signid.simulation.rollout.whole import roll_out_whole
+from signid.simulation.refine import LAWS, coordinates_of, refine
+from signid.simulation.whole_rollout import roll_out_whole
 from signid.types import Law, Recording
 
 from .real_data import recording

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from .simulation.plant import simulate as simulate
     from .validate import validate as validate
     from .check import check as check
-    from .inspect import inspect as inspect
+    from .check import inspect as inspect
     from .model import load_model as load_model
     from .simulation.plant import Sensors as Sensors, record as record, track as track
     from .simulation.excite import excite as excite, separate as separate

@@ -1,4 +1,4 @@
-"""Recordings -> check: which parameters they identify, and what would help, before a model is fitted."""
+"""Which parameters a robot's structure makes identifiable, and which its recordings identify, before a fit."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .errors import InputError, RecordingError, named_for_caller
+from .effects import EFFECT_NAMES, EFFECTS
+from .errors import InputError, RecordingError
 from .estimation.excitation import ExcitationVerdict, judge_excitation
 from .estimation.least_squares import estimate
 from .faults import (
@@ -26,12 +27,13 @@ from .recording.mapping import ColumnMap, read_map
 from .recording.sampling import Sampling
 from .recording.source import Source, open_source
 from .regression.bandwidth import Band
+from .regression.base_parameters import build_base
 from .regression.session import Options, advice_on_rows
-from .robot import Audit, as_robot, audit
+from .robot import Audit, Suspect, as_robot, audit
 from .signs import Signs, prepare_and_recover
 from .signs.torque_constants import UnknownConstants
 from .typed import typed
-from .types import Array, BaseMap, Input, Progress, Recording, Result, Robot
+from .types import Array, BaseMap, Input, Law, Progress, Recording, Result, Robot
 
 WEAK_RATIO, UNKNOWN_RATIO = 0.3, 1.0  # [1] expected over prior standard deviation: weak from there on, unidentifiable
 
@@ -59,8 +61,8 @@ class Check(Result):
     def flags(self) -> tuple[str, ...]:
         """Reasons why the recordings are insufficient; empty when they are good."""
         columns = [flag for recording in self.recordings for flag in recording.flags]
-        found = (*self.suspects, *columns, *(self.signs.flags if self.signs else ()), *self.excitation.sentences)
-        return tuple(dict.fromkeys(map(named_for_caller, (*found, *self.faults.flags))))
+        signs = self.signs.flags if self.signs else ()
+        return tuple(dict.fromkeys((*self.suspects, *columns, *signs, *self.excitation.sentences, *self.faults.flags)))
 
 
 @typed
@@ -82,8 +84,8 @@ def check(
     """
     described = audit(as_robot(robot, "check"))
     try:
-        given = as_recordings(recordings, described.robot, "check")
-        return _checked(described, given, options or Options(), progress)
+        recordings = as_recordings(recordings, described.robot, "check")
+        return _checked(described, recordings, options or Options(), progress)
     except (RecordingError, np.linalg.LinAlgError, ArithmeticError) as error:
         several = isinstance(recordings, Sequence) and not isinstance(recordings, str)
         return unusable(recordings if several else [recordings], error)  # type: ignore[arg-type]
@@ -99,14 +101,10 @@ def unusable(
     """
     numbers = f"numbers lead to no result ({error}); check their units"
     reason, files, rows = str(error) if isinstance(error, RecordingError) else numbers, list[Input](), list[int]()
-    for one in recordings:
-        if isinstance(one, Recording):
-            files.append(Input(one.path, one.sha256, "recording"))
-            rows.append(len(one))
-        else:
-            opened = open_source(one, (), read_map(columns).heading)
-            files.append(Input(opened.path, opened.sha256, "recording"))
-            rows.append(opened.table.rows)
+    for given in recordings:
+        read = given if isinstance(given, Recording) else open_source(given, (), read_map(columns).heading)
+        files.append(Input(read.path, read.sha256, "recording"))
+        rows.append(read.table.rows)
     return UnusableRecordings(tuple(files), tuple(rows), (reason,))
 
 
@@ -175,3 +173,42 @@ def _judged(described: Audit, recordings: Sequence[Recording], options: Options,
         described.before(),
         recovered.signs,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class Inspection(Result):
+    """Base parameters of a robot, from its structure alone, and numbers of its description that are probably wrong."""
+
+    robot: Robot
+    base: BaseMap
+    suspect: tuple[Suspect, ...] = ()
+    flags: tuple[str, ...] = ()  # sentences on the suspects, each once
+
+    @property
+    def invisible(self) -> tuple[str, ...]:
+        """Standard parameters without influence on the torque of any motion."""
+        return tuple(label.name for label in self.base.invisible)
+
+    @property
+    def combined(self) -> tuple[str, ...]:
+        """Standard parameters that are identifiable only in combination with others."""
+        count = (self.base.combination != 0).sum(1)
+        alone = {int(k) for k, n in zip(self.base.independent, count, strict=True) if n == 1}
+        seen = (self.base.combination != 0).any(0)
+        return tuple(label.name for k, label in enumerate(self.base.labels) if seen[k] and k not in alone)
+
+
+@typed
+def inspect(robot: ModelSource, effects: Sequence[str] = EFFECT_NAMES, seed: int = 0) -> Inspection:
+    """Determine the base parameters of a robot with the given effects at every joint.
+
+    >>> signid.inspect("3r").base.rank
+    25
+
+    Raises:
+        OptionError: unknown effect.
+    """
+    robot = as_robot(robot, "inspect")
+    laws = [Law(EFFECTS[name], (j,)) for name in effects for j in range(len(robot.joints))]
+    audited = audit(robot)
+    return Inspection(robot, build_base(robot, laws, seed), audited.suspects, (*audited.before(), *audited.notes))

@@ -155,31 +155,27 @@ def ends_in_time(verb: Callable[_P, _R]) -> Callable[_P, _R]:
             result = verb(*args, **kwargs)
         if not (limit.ended or limit.stopped):
             return result
-        added = _stop_flags(limit) if limit.stopped else _limit_flags(limit, seconds)
-        flags = tuple(dict.fromkeys((*result.flags, *added)))
+        flags = tuple(dict.fromkeys((*result.flags, *_truncation_flags(limit, seconds))))
         return cast("_R", replace(cast("Any", result), flags=flags))
 
     return within
 
 
-def _limit_flags(limit: _Limit, seconds: float) -> Iterator[str]:
-    for search in limit.ended:
-        yield (
+def _truncation_flags(limit: _Limit, seconds: float) -> list[str]:
+    if not limit.stopped:
+        return [
             f"{search} was cut short after {seconds:g} s and returns its best result so far; another run may differ; "
             "allow more time (--time-limit)"
-        )
-
-
-def _stop_flags(limit: _Limit) -> Iterator[str]:
+            for search in limit.ended
+        ]
     *others, last = limit.ended or ("",)
     if not last:
-        yield f"stopped early by {limit.stopped}: all searches had already ended, the result is complete"
-        return
+        return [f"stopped early by {limit.stopped}: all searches had already ended, the result is complete"]
     searches = f"{', '.join(others)} and {last}" if others else last
-    yield (
+    return [
         f"stopped early by {limit.stopped}: {searches} ended with the best result so far; run the command again "
         "without a stop for the complete result"
-    )
+    ]
 
 
 @contextmanager

@@ -42,7 +42,17 @@ class Frozen:
         return f"{type(self).__name__}({', '.join(shown)})"
 
 
-class Result(Frozen):
+class WithSentences:
+    """Base class of frozen types whose sentences name arguments of Python; on the command line, options."""
+
+    def __post_init__(self) -> None:
+        for name in vars(self).keys() & {"flags", "notes", "sentence"}:
+            said = getattr(self, name)
+            named = named_for_caller(said) if isinstance(said, str) else tuple(map(named_for_caller, said))
+            object.__setattr__(self, name, named)
+
+
+class Result(Frozen, WithSentences):
     """Base class of results: a repr of at most 40 lines, HTML in notebooks and tables by name.
 
     Its `flags` and `notes` name arguments of Python; on the command line, options.
@@ -50,8 +60,7 @@ class Result(Frozen):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in vars(self).keys() & {"flags", "notes"}:
-            object.__setattr__(self, name, tuple(map(named_for_caller, getattr(self, name))))
+        WithSentences.__post_init__(self)
 
     def __repr__(self) -> str:
         return str(show_with("text", self))

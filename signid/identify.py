@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -76,7 +76,7 @@ class Identification(Result):
         """The model to write and simulate: refined by roll-outs where these predict better, else `model`."""
         return self.refined or self.model
 
-    @property
+    @cached_property
     def varies(self) -> tuple[VaryingNumber, ...]:
         """Numbers that differ between recordings by more than their intervals, which contain this spread."""
         if self.estimate.spread is None:
@@ -163,7 +163,8 @@ def identify(
         recovered = prepare_and_recover(robot, recordings, held_out, options=options, method=signs, progress=progress)
     except UnknownConstants as error:
         lost = error.left_out(everything)
-        if not _all_signed(everything, error):
+        unscaled = [recordings[0].joints.index(joint) for joint in error.joints]
+        if not all(recording.signed[unscaled].all() for recording in everything):
             raise
         found = repeat(robot, lost[: len(recordings)], held_out=lost[len(recordings) :])
         return _with_currents(found, recordings, held_out, error)
@@ -181,17 +182,13 @@ def identify(
     given = Given(session, train, prior, options.whiten, weigh, progress)
     found = _conclude(given, test, way, recovered, method, search)
     notes = (*described.notes, *recovered.notes, *_signs_of_the_model(recordings, held_out), *found.notes)
-    found = _judged(replace(found, notes=notes), IdentifiedData(session, train, test, everything, evidence))
+    rows, values = IdentifiedData(session, train, test, everything, evidence), (found.estimate.value, found.base_value)
+    flags, lacks = identification_flags(rows, found.model, found.excitation, found.fit, *values)
+    found = replace(found, flags=(*flags, *found.flags), notes=notes, lacks=lacks)
     again = not held_out if refit is None else refit
     found = _refit(found, given, test, way, recovered, search) if again else found
     found = found if refine is None else _refined(found, tuple(refine))
     return replace(found, inputs=recordings_used(recordings, held_out), flags=described.before(found.flags))
-
-
-def _all_signed(recordings: Sequence[Recording], error: UnknownConstants) -> bool:
-    """Whether the currents of the joints without a constant have their signs."""
-    at = [recordings[0].joints.index(joint) for joint in error.joints]
-    return all(recording.signed[at].all() for recording in recordings)
 
 
 def _with_currents(
@@ -201,41 +198,30 @@ def _with_currents(
 
     Bodies are fitted beside them, in A as well, and left out of the result.
     """
-    given, judging = ([replace(each, scaled=None) for each in group] for group in (recordings, held_out))
-    session = prepare(found.robot, given, judging, found.session.options)
+    learned, judging = ([replace(recording, scaled=None) for recording in group] for group in (recordings, held_out))
+    session = prepare(found.robot, learned, judging, found.session.options)
     train, test = session.reduce(session.train), session.reduce(session.held_out)
     base, terms = session.task.base, np.count_nonzero(session.task.base.combination, axis=1)
     fit, currents = found.fit, list[tuple[Law, Array]]()
     for j in (found.robot.index(joint) for joint in error.joints):
         seen = train.columns[j]
-        one, other = (
+        alone, beside = (
             replace(x, joints=(x.joints[j],), columns=(np.arange(len(seen)),), sample=None) for x in (train, test)
         )
-        own = estimate(one, base, np.zeros(len(seen)))
-        (trained, _), (judged, r2) = factor_rms(one, own.value), factor_rms(other, own.value)
+        fitted = estimate(alone, base, np.zeros(len(seen)))
+        (trained, _), (judged, r2) = factor_rms(alone, fitted.value), factor_rms(beside, fitted.value)
         fit = fit.in_amperes(j, (trained[0], judged[0], session.task.band.torque_floor[j], r2[0]))
         for law in (law for law in session.task.laws if law.joints == (j,)):
-            of = [
-                k
-                for k, label in enumerate(base.labels)
-                if label.law is not None and session.task.laws[label.law] is law
-            ]
-            rows = [np.flatnonzero((base.combination[seen][:, k] != 0) & (terms[seen] == 1)) for k in of]
-            if all(len(row) == 1 for row in rows):  # not in combination with other parameters
-                at = np.concatenate(rows)
-                parameters = law.effect.physical(own.value[at].tolist(), law.effect.shape(law.parameters))
-                currents.append((replace(law, parameters=parameters), own.std[at]))
+            at = [k for k, x in enumerate(base.labels) if x.law is not None and session.task.laws[x.law] is law]
+            rows = [np.flatnonzero((base.combination[seen][:, k] != 0) & (terms[seen] == 1)) for k in at]
+            if all(len(places) == 1 for places in rows):  # not in combination with other parameters
+                row = np.concatenate(rows)
+                parameters = law.effect.physical(fitted.value[row].tolist(), law.effect.shape(law.parameters))
+                currents.append((replace(law, parameters=parameters), fitted.std[row]))
     names = shorten(list(error.joints))
     flag = f"{error}; friction and residual of {names} are in A, and masses and inertias leave its current out"
     notes = tuple(note for note in found.notes if "has no torque column" not in note)
     return replace(found, fit=fit, currents=tuple(currents), flags=(flag, *found.flags), notes=notes)
-
-
-def _judged(found: Identification, rows: IdentifiedData) -> Identification:
-    """With flags on the recordings and on joints that fit badly."""
-    values = found.estimate.value, found.base_value
-    own, lacks = identification_flags(rows, found.model, found.excitation, found.fit, *values)
-    return replace(found, flags=(*own, *found.flags), lacks=lacks)
 
 
 def _refit(
@@ -283,15 +269,15 @@ def _refined(found: Identification, candidates: Sequence[str]) -> Identification
     return replace(found, refinement=result, refined=model, notes=notes)
 
 
-def _unlike(found: Identification, recovered: Recovered) -> str:
+def _unlike(fitted: Identification, recovered: Recovered) -> str:
     """Why held-out rows must not be learned from; empty if they may."""
-    fit = found.fit
+    fit = fitted.fit
     far = fit.held_out_rms > MAX_REFIT_RMS_RATIO * np.maximum(fit.train_rms, fit.noise_floor)
     if far.any():
         worst = shorten([fit.joints[j] for j in np.flatnonzero(far)])
         return f"its errors there are more than {MAX_REFIT_RMS_RATIO:g} times those of the training rows ({worst})"
-    learned = {recording for recording, _ in found.session.learned}
-    if recovered.signs is not None and any(recording not in learned for recording, _ in found.session.held_out):
+    learned = {recording for recording, _ in fitted.session.learned}
+    if recovered.signs is not None and any(recording not in learned for recording, _ in fitted.session.held_out):
         return "the signs of their torque follow from this model"
     return ""
 

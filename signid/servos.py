@@ -29,7 +29,7 @@ import numpy as np
 
 from .errors import shorten
 from .frozen import Frozen
-from .parameters import Array
+from .types import Array
 
 DRIVE_LAWS = ("effort", "duty", "torque_speed")
 KD_ON = ("velocity", "error")
@@ -143,43 +143,20 @@ SERVO_NUMBERS = tuple(
     f.name for f in fields(Servo) if f.name not in {*CHOICES, "kp_register", "link_encoder", *MARK_KEYS, *JOINT_NUMBERS}
 )
 LOOP_NUMBERS = (*SERVO_NUMBERS, *JOINT_NUMBERS, "link_encoder")  # of the closed loop
-SERVO_UNITS = {
-    "kp": "N.m/rad",
-    "kd": "N.m.s/rad",
-    "delay": "s",
-    "effort_limit": "N.m",
-    "speed_limit": "rad/s",
-    "dead_band": "rad",
-    "profile_speed": "rad/s",
-    "coulomb_friction": "N.m",
-    "viscous_friction": "N.m.s/rad",
-    "load_friction": "1",
-    "armature": "kg.m2",
-    "torque_offset": "N.m",
-    "droop": "1/N.m",
+NUMBERS_OF_UNIT = {
+    "N.m/rad": "kp spring_stiffness",
+    "N.m.s/rad": "kd viscous_friction",
+    "N.m": "effort_limit coulomb_friction torque_offset stribeck_level position_amplitude gear_level",
+    "1/N.m": "droop gear_quadratic_motor gear_quadratic_external",
+    "kg.m2": "armature",
+    "s": "delay",
+    "rad": "dead_band position_phase spring_rest backlash_gap encoder_offset",
+    "rad/s": "speed_limit profile_speed stribeck_velocity gear_velocity",
+    "1/rad": "position_frequency",
+    "1": "load_friction gear_exponent gear_load gear_external gear_load_at_rest gear_external_at_rest link_encoder",
 }
-LOOP_UNITS = {
-    **SERVO_UNITS,
-    "stribeck_level": "N.m",
-    "stribeck_velocity": "rad/s",
-    "position_amplitude": "N.m",
-    "position_phase": "rad",
-    "position_frequency": "1/rad",
-    "spring_stiffness": "N.m/rad",
-    "spring_rest": "rad",
-    "backlash_gap": "rad",
-    "encoder_offset": "rad",
-    "gear_exponent": "1",
-    "gear_velocity": "rad/s",
-    "gear_level": "N.m",
-    "gear_load": "1",
-    "gear_external": "1",
-    "gear_load_at_rest": "1",
-    "gear_external_at_rest": "1",
-    "gear_quadratic_motor": "1/N.m",
-    "gear_quadratic_external": "1/N.m",
-    "link_encoder": "1",
-}
+UNITS = {number: unit for unit, numbers in NUMBERS_OF_UNIT.items() for number in numbers.split()}
+SERVO_UNITS, LOOP_UNITS = ({name: UNITS[name] for name in names} for names in (SERVO_NUMBERS, LOOP_NUMBERS))
 
 
 @dataclass(frozen=True, eq=False)

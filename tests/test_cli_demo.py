@@ -20,7 +20,7 @@ from plant import law
 
 import signid
 from signid.cli import run
-from signid.cli.demo.run import Story, demo
+from signid.cli.demo import Story, demo
 from signid.diagnose import Alternative
 from signid.effects.naming import law_name
 from signid.robot import load_robot
@@ -49,7 +49,7 @@ def command(patch: pytest.MonkeyPatch, folder: Path, *arguments: str, story: Sto
 
     patch.chdir(folder)
     patch.setenv("COLUMNS", "100")
-    patch.setattr(sys.modules["signid.cli.demo.run"], "demo", play)
+    patch.setattr(sys.modules["signid.cli.demo"], "demo", play)
     with redirect_stdout(io.StringIO()) as out, redirect_stderr(io.StringIO()) as err:
         code = run(["demo", *arguments])
     return Outcome(folder, code, out.getvalue(), err.getvalue(), stories[0])
@@ -197,7 +197,7 @@ def test_an_interrupted_demonstration_can_be_repeated(
 
     monkeypatch.chdir(tmp_path)
     with monkeypatch.context() as patch:
-        patch.setattr(sys.modules["signid.cli.demo.run"], "diagnose", interrupted)
+        patch.setattr(sys.modules["signid.cli.demo"], "diagnose", interrupted)
         assert run(["demo", "--no-open"]) == 130 and not list(tmp_path.iterdir())
     replace_file, folder = os.replace, tmp_path / "signid-demo"
 
@@ -214,7 +214,7 @@ def test_an_interrupted_demonstration_can_be_repeated(
     for count in range(len(FILES)):
         with monkeypatch.context() as patch:
             patch.setattr(os, "replace", replaced_until(count))
-            patch.setattr(sys.modules["signid.cli.demo.run"], "demo", lambda *_, **__: shown.story)
+            patch.setattr(sys.modules["signid.cli.demo"], "demo", lambda *_, **__: shown.story)
             assert run(["demo", "--no-open"]) == 130
             assert len(list(folder.glob("*"))) == count if folder.exists() else count == 0
         again = command(monkeypatch, tmp_path, "--no-open", story=shown.story)

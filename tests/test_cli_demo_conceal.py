@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from signid.cli.demo.run import conceal, take_arm
+from signid.cli.demo import conceal, take_arm
 from signid.model import Model, stated_inertials, stated_laws
 from signid.output.export.formats import held
 from signid.regression.motion import Motion

@@ -16,9 +16,8 @@ from test_output_report import shown
 
 from signid.cli.fleet import run as run_module
 from signid.cli.fleet.manifest import Entry
-from signid.cli.fleet.result import Difference, find_changes, find_outliers
+from signid.cli.fleet.result import Difference, Number, Outcome, Summary, find_changes, find_outliers, summarise
 from signid.cli.fleet.run import DONE, Answer, Order, fleet
-from signid.cli.fleet.summary import Number, Outcome, Summary, summarise
 from signid.output.report.results.fleet import fleet_page, fleet_tables
 
 JOINTS = ("j1", "j2", "j3")

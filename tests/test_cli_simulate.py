@@ -13,7 +13,7 @@ from strict_json import strict
 
 import signid
 from signid.cli import run
-from signid.cli.commands.excitation import split_laws
+from signid.cli.commands.simulation import split_laws
 from signid.effects import DRIVE_EFFECTS, EFFECTS
 from signid.effects.naming import law_syntax, parse_law
 

@@ -13,8 +13,7 @@ import signid
 from signid.diagnose import Diagnosis
 from signid.diagnose.data.estimated_gains import GainPrior, gain_prior, with_estimated_gains
 from signid.effects import EFFECTS
-from signid.parameters import TWO_SIDED
-from signid.types import Law
+from signid.types import TWO_SIDED, Law
 
 CONSTANTS = np.array([5.0, 3.0, 0.5])  # [N.m/A]
 SPRING = fault("spring", 2, stiffness=1.0, rest=0.2)

@@ -17,8 +17,7 @@ from signid.diagnose.findings import intervals
 from signid.diagnose.findings.intervals import _by_key, _parts, standard_deviations
 from signid.diagnose.thresholds import BLOCK_PERIODS, MAX_JACKKNIFE_PARTS
 from signid.estimation.repeats import jackknife_variance
-from signid.parameters import TWO_SIDED
-from signid.types import Array
+from signid.types import TWO_SIDED, Array
 
 VISCOUS = law("viscous_friction", coefficient=0.3)
 

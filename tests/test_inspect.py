@@ -7,8 +7,8 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
+from signid.check import inspect
 from signid.errors import RobotError
-from signid.inspect import inspect
 from signid.output.report.results.identification import joint_table
 from signid.robot import load_robot, names
 

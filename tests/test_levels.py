@@ -10,10 +10,10 @@ from pathlib import Path
 
 PACKAGE = Path(__file__).parents[1] / "signid"
 ROOMS = {  # modules and folders of a folder in the order of the data; one imports only those before it
-    "": "version errors typed deadline toml_json registry frozen parameters servos types optimisers robot effects "
-    "recording regression model inspect simulation estimation signs faults payload check identify diagnose "
+    "": "version errors typed deadline toml_json registry frozen types servos optimisers robot effects "
+    "recording regression model simulation estimation signs faults payload check identify diagnose "
     "validate servo watch output cli __main__ __init__",
-    "cli": "app terminal options arguments files fleet demo commands run __init__",
+    "cli": "app terminal arguments fleet demo commands run __init__",
     "faults": "result channels commands evidence distortions search gravity examine identified __init__",
     "servo": "__init__ given plant simulate fit search zeros identify validate diagnose compare",
     "diagnose": "thresholds data evidence result extend search findings detectable run __init__",
@@ -23,7 +23,7 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "estimation": "__init__ fit_quality excitation feasible pbrp repeats least_squares standard estimators",
     "recording": "vocabulary mapping match streams formats source sampling columns joining reading missing gallery "
     "read __init__ convert",
-    "simulation": "__init__ plant excite rollout refine",
+    "simulation": "__init__ plant excite rollout whole_rollout refine",
 }
 MOST_FOLDERS, MOST_MODULES, MOST_FILES = 16, 15, 14  # below signid/, below signid/, in any folder but effects/
 Arrows = Mapping[str, set[str]]  # file -> files that it imports; "robot/load", without .py

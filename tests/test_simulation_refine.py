@@ -15,8 +15,8 @@ from signid.errors import OptionError
 from signid.model import Model, stated_inertials
 from signid.recording.sampling import survey
 from signid.simulation.refine import refine
-from signid.simulation.rollout.run import simulate_windows
-from signid.simulation.rollout.whole import one_joint_errors, one_joint_numbers, roll_out_whole, whole_windows
+from signid.simulation.rollout import simulate_windows
+from signid.simulation.whole_rollout import one_joint_errors, one_joint_numbers, roll_out_whole, whole_windows
 from signid.types import Array, Law, Recording
 
 ASYMMETRIC = {

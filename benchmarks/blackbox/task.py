@@ -18,7 +18,7 @@ from signid.recording import same_joints
 from signid.recording.sampling import survey
 from signid.regression.session import RATE_TOLERANCE, Options, prepare
 from signid.robot import hold, resting
-from signid.simulation.rollout.run import restrict_joints
+from signid.simulation.rollout import restrict_joints
 from signid.types import Array, Recording, Robot
 
 from ..concealed_real.sets import RealSet, columns_of, read, rebuilt

@@ -15,7 +15,7 @@ from signid.recording.sampling import samples
 from signid.regression.motion import build_motion
 from signid.regression.session import Options, prepare
 from signid.robot.dynamics import own_body
-from signid.simulation.rollout.run import restrict_joints
+from signid.simulation.rollout import restrict_joints
 from signid.types import Array, Law, Recording
 
 from .sets import columns_of, rebuilt

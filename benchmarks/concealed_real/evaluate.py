@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from signid.diagnose import Diagnosis
-from signid.parameters import TWO_SIDED
+from signid.types import TWO_SIDED
 
 from .changes import Joints, Truth
 

@@ -13,8 +13,7 @@ import typer
 
 from ..effects import EFFECT_NAMES
 from ..errors import InputError, OptionError, OutputError, UndecidedReading, readable
-from .app import bounded
-from .options import DriveOptions, RobotOptions, RowOptions, SimulationArguments
+from .app import DriveOptions, RobotOptions, RowOptions, SimulationArguments, bounded
 
 if TYPE_CHECKING:
     from ..model import Model
@@ -58,21 +57,8 @@ def given_robot(name: str, options: RobotOptions) -> Robot:
         if not Path(folder).is_dir():
             raise OptionError(f"--package-dir {folder} is not a folder; name the folder that holds the packages")
     moving = None if options.joints is None else _names("--joints", options.joints)
-    held = _locks(options.lock or ())
-    return load_robot(
-        name,
-        lock=held,
-        joints=moving,
-        actuators=options.actuators,
-        package_dirs=packages,
-        gravity=None if options.gravity is None else parse_gravity(options.gravity),
-        xacro=parse_arguments(options.xacro or ()),
-    )
-
-
-def _locks(texts: Sequence[str]) -> dict[str, float]:
     held: dict[str, float] = {}
-    for text in texts:
+    for text in options.lock or ():
         joint, _, value = (part.strip() for part in text.rpartition("="))
         if joint in held:
             raise OptionError(f"--lock names joint {joint} twice; give one position for it")
@@ -82,7 +68,15 @@ def _locks(texts: Sequence[str]) -> dict[str, float]:
             raise
         except ValueError:
             raise OptionError(f"--lock {text!r} is not a joint and its position; write J=VALUE, in rad or m") from None
-    return held
+    return load_robot(
+        name,
+        lock=held,
+        joints=moving,
+        actuators=options.actuators,
+        package_dirs=packages,
+        gravity=None if options.gravity is None else parse_gravity(options.gravity),
+        xacro=parse_arguments(options.xacro or ()),
+    )
 
 
 def given_model(
@@ -146,17 +140,17 @@ def given_recordings(
     from ..recording import read_recording
     from ..recording.source import reading_beside, reading_path
 
-    found = []
+    recordings = []
     for path in paths or ():
         closed = output if output is not None and not os.access(Path(path).parent, os.W_OK) else None
         own = columns or (closed and reading_beside(path, closed))
         try:
-            found.append(read_recording(path, robot, columns=own or None, unsigned=unsigned, rate=rate))
+            recordings.append(read_recording(path, robot, columns=own or None, unsigned=unsigned, rate=rate))
         except UndecidedReading as error:
             raise written_reading(error, reading_path(path, closed)) from None
         if not quiet:
-            print_reading(found[-1].path, found[-1].reading)
-    return found
+            print_reading(recordings[-1].path, recordings[-1].reading)
+    return recordings
 
 
 def print_reading(path: str, reading: Reading | None) -> None:

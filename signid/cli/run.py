@@ -10,8 +10,7 @@ import signal
 import sys
 import traceback
 import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from types import FrameType
 from typing import Any, NoReturn
@@ -22,19 +21,7 @@ from typer.main import get_command
 from ..deadline import one_thread, stop_searches
 from ..errors import ON_COMMAND_LINE, SignidError, UndecidedReading
 from .app import app
-from .commands import (  # noqa: F401
-    catalogue,
-    conversion,
-    diagnosis,
-    excitation,
-    exporting,
-    identification,
-    payload,
-    replay,
-    simulation,
-    watching,
-)
-from .demo import command as demo  # noqa: F401
+from .commands import catalogue, conversion, diagnosis, exporting, identification, replay, simulation, watching  # noqa: F401
 from .fleet import command as fleet  # noqa: F401
 from .terminal import BAD, BROKEN, DONE, FLAGGED, INTERRUPTED, open_streams, write_error
 
@@ -77,26 +64,19 @@ class _Heard:
         return f"{SIGNAL_NAMES[number]} ended the command {when}; no file was written"
 
 
-@contextmanager
-def _signals_heard() -> Iterator[_Heard]:
-    """Handle both signals by the yielded object; restore the former handlers afterwards."""
-    heard = _Heard()
-    former = {number: signal.signal(number, heard.hear) for number in SIGNAL_NAMES}
-    try:
-        yield heard
-    finally:
-        for number, handler in former.items():
-            signal.signal(number, handler)
-
-
 def main() -> NoReturn:
     """Run the command of the process arguments, handle signals, and exit with the command's code."""
     open_streams()
-    with _signals_heard() as heard:
+    heard = _Heard()
+    former = {number: signal.signal(number, heard.hear) for number in SIGNAL_NAMES}
+    try:
         code = run(sys.argv[1:])
         if code == INTERRUPTED and heard.last is not None:
             write_error(heard.sentence(heard.last))
             code = 128 + heard.last
+    finally:
+        for number, handler in former.items():
+            signal.signal(number, handler)
     sys.exit(code)
 
 

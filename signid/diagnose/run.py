@@ -20,8 +20,7 @@ from ..robot import Audit, audit, with_gravity
 from ..robot.dynamics import own_body
 from ..signs import Recovered, prepare_and_recover
 from ..signs.torque_constants import UnknownConstants
-from ..simulation.rollout import RollOut, roll_out
-from ..simulation.rollout.run import restrict_joints
+from ..simulation.rollout import RollOut, restrict_joints, roll_out
 from ..typed import typed
 from ..types import Array, Law, Progress, Recording
 from .data.dataset import Dataset, Whitened, whitened

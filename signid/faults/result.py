@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import named_for_caller
+from ..frozen import WithSentences
 from ..types import Array, Frozen, Input, Recording
 
 REFUSE, WARN, NOTE = "refuse", "warn", "note"
@@ -16,7 +16,7 @@ UNCERTAIN = "uncertain"  # verdict in files
 
 
 @dataclass(frozen=True)
-class RecordingFault:
+class RecordingFault(WithSentences):
     """Recording fault, with a sentence on the fault, its evidence and how to correct it."""
 
     kind: str  # "torque sign"
@@ -25,9 +25,6 @@ class RecordingFault:
     measures: Mapping[str, float]
     sentence: str
     alternatives: tuple[tuple[str, tuple[str, ...]], ...] = ()  # kinds and joints that explain it equally well
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "sentence", named_for_caller(self.sentence))
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +71,7 @@ SCHEMA = "signid.check/1"
 
 
 @dataclass(frozen=True)
-class JointAudit:
+class JointAudit(WithSentences):
     """How one joint follows its commanded position; NaN where the recordings do not show it.
 
     Lengths are in `unit`, "" where the recording does not state one.
@@ -131,7 +128,7 @@ class ServoAudit(Frozen):
     def flags(self) -> tuple[str, ...]:
         """Reasons not to rely on the recordings, one sentence each; empty for healthy ones."""
         columns = [flag for recording in self.recordings for flag in recording.flags]
-        return tuple(dict.fromkeys(map(named_for_caller, (*columns, *self.faults, *self.limits))))
+        return tuple(dict.fromkeys((*columns, *self.faults, *self.limits)))
 
     @property
     def faults(self) -> tuple[str, ...]:

@@ -11,8 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..frozen import Frozen
-from ..parameters import INERTIAL
-from ..types import Array, BaseMap, Label, Law, Robot
+from ..types import INERTIAL, Array, BaseMap, Label, Law, Robot
 from .motion import Motion, labels, regressor
 
 RANK_TOLERANCE = 1e-5  # [1] smallest singular value that counts, over the largest, columns scaled

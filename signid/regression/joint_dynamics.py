@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import pinocchio as pin
     from numpy.typing import ArrayLike
 
-SIMULATION_MODULE = "..simulation.plant.batch"  # comes after every model, so it is imported when it is first used
+SIMULATION_MODULE = "..simulation.plant.plant"  # comes after every model, so it is imported when it is first used
 
 
 class Simulated(NamedTuple):

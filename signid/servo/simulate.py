@@ -16,7 +16,7 @@ from ..recording import as_recording
 from ..recording.source import Source
 from ..servos import JOINT_LAWS, PASSIVE_LAWS, SERVO_NUMBERS, Servo, ServoGrid
 from ..simulation.plant import Sensors, record_held
-from ..simulation.rollout.run import restrict_joints
+from ..simulation.rollout import restrict_joints
 from ..typed import typed
 from ..types import Array, Law, Recording, Result, Robot, Trajectory
 from .given import stated_servos

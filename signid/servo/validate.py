@@ -14,7 +14,7 @@ from ..model import Model, ModelSource, command_model
 from ..recording import Recordings, as_recordings, same_joints
 from ..robot.load import state_actuators
 from ..servos import ServoGrid
-from ..simulation.rollout.run import restrict_joints
+from ..simulation.rollout import restrict_joints
 from ..typed import typed
 from ..types import Input, Progress, Recording, Result, Robot
 from ..validate.run import named_models

@@ -18,13 +18,12 @@ from ..model import Model, ModelSource, as_model
 from ..recording import Recordings, as_recordings, same_joints
 from ..regression.session import Options, Session, only_once, prepare
 from ..signs.torque_constants import UnknownConstants, find_gains
-from ..simulation.rollout import RollOut, roll_out
-from ..simulation.rollout.run import restrict_joints
+from ..simulation.rollout import RollOut, restrict_joints, roll_out
 from ..typed import typed
 from ..types import Array, Indices, Input, Progress, Recording, Result
 
 if TYPE_CHECKING:
-    from ..simulation.rollout.whole import WholeRollOut
+    from ..simulation.whole_rollout import WholeRollOut
 
 HORIZON = 0.5  # [s] of roll-outs, as in a diagnosis
 WHOLE = "whole"  # horizon: from the first samples of a recording to its end
@@ -192,7 +191,7 @@ def _simulated(
     laws = tuple(law for other in candidates for law in other.model.laws)
     try:
         if isinstance(horizon, str):
-            from ..simulation.rollout.whole import roll_out_whole  # compiled code, needed only here
+            from ..simulation.whole_rollout import roll_out_whole  # compiled code, needed only here
 
             run = roll_out_whole(candidate.model, candidate.recordings)
             return run, [], list(whole_notes(candidate.name, run))

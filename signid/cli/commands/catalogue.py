@@ -1,4 +1,4 @@
-"""The commands `effects` and `data`: laws and public recordings."""
+"""The commands `effects`, `data` and `demo`: laws, public recordings and a demonstration."""
 
 from __future__ import annotations
 
@@ -8,17 +8,33 @@ import sys
 from dataclasses import dataclass
 from os.path import expanduser
 from pathlib import Path
+from shlex import join
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ...errors import OptionError
-from ..app import Text, command, complete_data, complete_law, option, output_option
-from ..options import Json
-from ..terminal import BAD, DONE, bars, show, write_error
+from ..app import (
+    Json,
+    RobotOptions,
+    RunOptions,
+    Text,
+    Xacro,
+    command,
+    complete_data,
+    complete_law,
+    complete_robot,
+    option,
+    output_option,
+)
+from ..arguments import given_inputs, given_robot
+from ..terminal import BAD, DONE, bars, check_folder, show, write_error
 
 if TYPE_CHECKING:
-    from ...recording.gallery import DataSet
+    pass
+
+DEMO_FILES = "demo.json recording.csv held_out.csv diagnosis.json model.json robot.urdf report.html replay.html".split()
+BROWSER_VARIABLES = ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER")  # environment variables that indicate a browser on Linux
 
 
 @command("signid effects stribeck_friction")
@@ -86,7 +102,8 @@ def _get(name: str, folder: Path, options: DataOptions, json: bool) -> int:
     """Download a data set unless it is complete, and list the commands that use it."""
     from ...output.report import Screen, probe_folder, to_json, write_files
     from ...output.report.results.recordings import data_card, data_document
-    from ...recording.gallery import DATA, check_source, fetch, is_complete
+    from ...recording.gallery import DATA, check_source, data_folder, fetch, is_complete
+    from ...robot.locate import robots_folder
 
     wanted, screen, source = DATA[name], Screen(), options.source
     place, base = folder / wanted.folder, wanted.base if source is None else check_source(source)
@@ -108,21 +125,61 @@ def _get(name: str, folder: Path, options: DataOptions, json: bool) -> int:
         screen.write(to_json(data_document([wanted], folder, written)))
     else:
         listed = ["written:", *(f"  {path}" for path in written)] if written else [f"{place} is already complete"]
-        screen.write("\n".join(["", *listed, "", *_next(wanted, folder), ""]))
+        listed.append("")
+        if not os.environ.get("SIGNID_DATA") or data_folder().resolve() != folder.resolve():
+            listed.append(f"export SIGNID_DATA={shlex.quote(str(folder.resolve()))}")
+        robots = robots_folder()
+        here = robots.relative_to(Path.cwd()) if robots.is_relative_to(Path.cwd()) else robots
+        places = {"folder": shlex.quote(str(place)), "robots": shlex.quote(str(here))}
+        script = f"python {shlex.quote(str(here / wanted.name / 'identify.py'))}"
+        example = wanted.example.format(**places) if wanted.example else script
+        screen.write("\n".join(["", *listed, example, ""]))
     return DONE
 
 
-def _next(wanted: DataSet, folder: Path) -> list[str]:
-    """Commands that use the data set."""
-    from ...recording.gallery import data_folder
-    from ...robot.locate import robots_folder
+@command("signid demo --robot panda")
+def demo(
+    run: RunOptions,
+    robot: Annotated[
+        str,
+        typer.Option(
+            metavar="ROBOT", help="A URDF, xacro or MJCF file, or a name such as panda.", autocompletion=complete_robot
+        ),
+    ] = "3r",
+    output: Annotated[str, typer.Option("--output", "-o", metavar="DIR", help="Output folder.")] = "signid-demo",
+    browser: Annotated[bool, typer.Option("--open/--no-open", help="Open the pages in the browser.")] = True,
+    xacro: Xacro = None,
+) -> int:
+    """Demonstrate a diagnosis: conceal physics, and find it again.
 
-    lines = []
-    if not os.environ.get("SIGNID_DATA") or data_folder().resolve() != folder.resolve():
-        lines.append(f"export SIGNID_DATA={shlex.quote(str(folder.resolve()))}")
-    robots = robots_folder()
-    here = robots.relative_to(Path.cwd()) if robots.is_relative_to(Path.cwd()) else robots
-    if wanted.example:
-        places = {"folder": folder / wanted.folder, "robots": here}
-        return [*lines, wanted.example.format(**{name: shlex.quote(str(path)) for name, path in places.items()})]
-    return [*lines, f"python {shlex.quote(str(here / wanted.name / 'identify.py'))}"]
+    The robot is simulated with laws that its description lacks; --seed selects others. The diagnosis sees only the
+    description and the recordings. DIR gets the recordings, diagnosis.json, the extended simulation as model.json and
+    robot.urdf, report.html, replay.html, and demo.json, which compares the concealed laws with the findings.
+    """
+    from ...output.report import Screen, document, tables, to_json, write_files
+    from ..demo import RECORDINGS, comparison, demo as play, story_document
+    from ..terminal import diagnosis_files
+
+    check_folder(output, False, DEMO_FILES)
+    described = given_robot(robot, RobotOptions(xacro=xacro))
+    with bars(run.json, one=True) as progress:
+        story = play(described, output, seed=run.seed, progress=progress)
+        inputs = given_inputs(robot, story.simulation.robot, None)
+        train, held_out = (str(Path(output, name)) for name in RECORDINGS)
+        seed = ["--seed", str(run.seed)] if run.seed else []
+        again = join(["signid", "diagnose", robot, train, "--held-out", held_out, *seed])
+        result, files = diagnosis_files(story.result, inputs, f"{again} -o DIR")
+        files = {"diagnosis.json": to_json(document(result, inputs)), **files, "replay.html": story.replay.page()}
+        text = to_json(story_document(story, robot))
+        written = write_files(output, {**story.files, **files, "demo.json": text})  # the last appears first
+    if run.json:
+        return show(text, story.flags)
+    code = show([*tables(result), *comparison(story)], story.flags, written)
+    Screen().write(f"again: {again} -o again\n")
+    screen = sys.platform != "linux" or any(os.environ.get(name) for name in BROWSER_VARIABLES)
+    if browser and screen and sys.stdout.isatty():
+        import webbrowser
+
+        for page in (path for path in written if path.suffix == ".html"):
+            webbrowser.open(page.resolve().as_uri())
+    return code

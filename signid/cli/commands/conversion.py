@@ -11,9 +11,20 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ...errors import OptionError, RecordingError, UndecidedReading
-from ..app import Text, Texts, bounded, command, complete_robot, option, output_option
+from ..app import (
+    Columns,
+    Json,
+    Rate,
+    RobotOptions,
+    Text,
+    Texts,
+    bounded,
+    command,
+    complete_robot,
+    option,
+    output_option,
+)
 from ..arguments import given_inputs, given_robot, print_reading, written_reading
-from ..options import Columns, Json, Rate, RobotOptions
 from ..terminal import check_file
 
 if TYPE_CHECKING:
@@ -74,7 +85,7 @@ def convert(
     from ...recording.mapping import read_calibration, read_heading
     from ...recording.reading import draft_reading
     from ...recording.source import reading_beside, reading_path
-    from ..files import deliver
+    from ..terminal import deliver
 
     name, output = conversion.robot, conversion.output
     if output is not None:

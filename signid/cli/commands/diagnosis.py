@@ -12,9 +12,7 @@ import typer
 
 from ...deadline import DEFAULT_TIME_LIMIT, time_limit
 from ...errors import OptionError, RecordingError, RobotError, readable
-from ..app import Text, Texts, command, complete_law, complete_robot, option, output_option
-from ..arguments import given_command, given_model, given_recordings, has_drives, simulation_inputs, under_gravity
-from ..options import (
+from ..app import (
     Columns,
     Cutoff,
     Mcap,
@@ -24,17 +22,25 @@ from ..options import (
     Rrd,
     RunOptions,
     SimulationArguments,
+    Text,
+    Texts,
     TimeLimit,
     Unsigned,
+    command,
+    complete_law,
+    complete_robot,
+    option,
+    output_option,
 )
+from ..arguments import given_command, given_model, given_recordings, has_drives, simulation_inputs, under_gravity
 from ..terminal import bars, check_folder
 
 if TYPE_CHECKING:
     from ...diagnose import Diagnosis
     from ...model import Model
     from ...servo.diagnose import ServoDiagnosis
-    from ...types import Recording, Robot
-    from ..files import Logs
+    from ...types import Recording
+    from ..terminal import Logs
 
 ROBOT_SUFFIXES = (".urdf", ".xacro", ".xml", ".mjcf", ".sdf")
 INPUTS_HINT = "a model is a model.json, a URDF, xacro or MJCF file or a name such as panda; a recording is a data file"
@@ -83,7 +89,7 @@ def diagnose(
     """
     from ...diagnose import diagnose as search
     from ...regression.session import Options
-    from ..files import DIAGNOSIS_FILES, check_logs, deliver_diagnosis
+    from ..terminal import DIAGNOSIS_FILES, check_logs, deliver_diagnosis
     from .drives import registers_beside
 
     check_folder(diagnosis.output, run.json, DIAGNOSIS_FILES)
@@ -194,7 +200,7 @@ def validate(
     from ...regression.session import Options
     from ...servo.validate import validate_servos
     from ...validate import HORIZON, validate as judge
-    from ..files import VALIDATION_FILES, deliver_report
+    from ..terminal import VALIDATION_FILES, deliver_report
     from .drives import registers_beside
 
     check_folder(validation.output, True, VALIDATION_FILES)
@@ -207,14 +213,18 @@ def validate(
     sources = [SimulationArguments(simulation=name, **vars(robot)) for name in names]
     if not all(source.saved for source in sources):
         sources = [
-            SimulationArguments(simulation=one.simulation, gravity=one.gravity) if one.saved else one for one in sources
+            SimulationArguments(simulation=source.simulation, gravity=source.gravity) if source.saved else source
+            for source in sources
         ]
     stated = robot.actuators is not None and all(source.saved for source in sources)
-    sources = [replace(one, actuators=None) if stated else one for one in sources]
+    sources = [replace(source, actuators=None) if stated else source for source in sources]
     models = {readable(source.simulation): given_model(source)[0] for source in sources}
     read = given_recordings(
         recordings,
-        max((model.robot for model in models.values()), key=_known),
+        max(  # with most joints and torque constants
+            (model.robot for model in models.values()),
+            key=lambda robot: (len(robot.joints), sum(map(isfinite, robot.actuators.torque_constant.tolist()))),
+        ),
         validation.columns,
         rate=validation.rate,
         output=validation.output,
@@ -225,8 +235,8 @@ def validate(
         given_model(replace(sources[0], actuators=robot.actuators))
     inputs = [
         file
-        for one in sources
-        for file in simulation_inputs(one, models[readable(one.simulation)].robot, columns=validation.columns)
+        for source in sources
+        for file in simulation_inputs(source, models[readable(source.simulation)].robot, columns=validation.columns)
     ]
     if servo and validation.horizon is not None:
         raise OptionError(
@@ -241,11 +251,6 @@ def validate(
     with bars(run.json) as progress:
         result = judge(models, read, options=options, rollout=validation.rollout, horizon=horizon, progress=progress)
     return deliver_report(result, inputs, validation.output, run.json, given_command(context))
-
-
-def _known(robot: Robot) -> tuple[int, int]:
-    """Numbers of joints and of torque constants: recordings are read for the robot that has most."""
-    return len(robot.joints), sum(map(isfinite, robot.actuators.torque_constant.tolist()))
 
 
 def _sort_arguments(given: Sequence[str]) -> tuple[list[str], list[str]]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ...errors import OptionError, OutputError, readable
-from ..options import DriveOptions, RunOptions
+from ..app import DriveOptions, RunOptions
 from ..terminal import bars
 
 if TYPE_CHECKING:

@@ -9,9 +9,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ...errors import OptionError, OutputError
-from ..app import Text, command, option
+from ..app import (
+    Columns,
+    Gravity,
+    Json,
+    PackageDir,
+    Rate,
+    SimulationArguments,
+    SimulationName,
+    Text,
+    Xacro,
+    command,
+    option,
+)
 from ..arguments import given_model, given_recordings, simulation_inputs
-from ..options import Columns, Gravity, Json, PackageDir, Rate, SimulationArguments, SimulationName, Xacro
 from ..terminal import check_unread, show
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""The commands `inspect`, `check` and `identify`."""
+"""The commands `inspect`, `check`, `identify` and `payload`."""
 
 from __future__ import annotations
 
@@ -10,20 +10,7 @@ import typer
 
 from ...deadline import DEFAULT_TIME_LIMIT, time_limit
 from ...errors import InputError, OptionError, RecordingError, readable
-from ..app import Text, Texts, command, option, output_option
-from ..arguments import (
-    check_options,
-    given_command,
-    given_effects,
-    given_inputs,
-    given_options,
-    given_recordings,
-    given_robot,
-    has_drives,
-    instead_of_torque,
-    under_gravity,
-)
-from ..options import (
+from ..app import (
     DriveOptions,
     Effects,
     OptionalRecordings,
@@ -31,10 +18,30 @@ from ..options import (
     RobotArguments,
     RowOptions,
     RunOptions,
+    SimulationArguments,
+    Text,
+    Texts,
     TimeLimit,
     Unsigned,
+    command,
+    option,
+    output_option,
 )
-from ..terminal import bars, check_folder, show
+from ..arguments import (
+    check_options,
+    given_command,
+    given_effects,
+    given_inputs,
+    given_model,
+    given_options,
+    given_recordings,
+    given_robot,
+    has_drives,
+    instead_of_torque,
+    simulation_inputs,
+    under_gravity,
+)
+from ..terminal import bars, check_folder, check_unread, show
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -42,13 +49,12 @@ if TYPE_CHECKING:
     from ...check import Check
     from ...estimation.standard import Search
     from ...faults import ServoAudit, UnusableRecordings
-    from ...types import Robot
 
 
 @command("signid inspect panda --joints panda_joint6,panda_joint7")
 def inspect(robot: RobotArguments, run: RunOptions, effects: Effects = None) -> int:
     """List joints, links, base and unidentifiable parameters."""
-    from ...inspect import inspect as look
+    from ...check import inspect as look
     from ...output.report import document, tables, to_json
 
     described = given_robot(robot.robot, robot)
@@ -83,11 +89,12 @@ def check(
     """
     from numpy.linalg import LinAlgError
 
-    from ...check import unusable
-    from ...recording import is_recording
+    from ...check import check as judge, unusable
+    from ...faults import ServoAudit
+    from ...recording import is_recording, read_bare
     from ...recording.source import digest_of
     from ...types import Input
-    from ..files import CHECK_FILES, deliver_report
+    from ..terminal import CHECK_FILES, deliver_report
 
     check_folder(output, True, CHECK_FILES)
     bare = is_recording(robot.robot)
@@ -97,7 +104,18 @@ def check(
     described = None if bare else given_robot(robot.robot, under_gravity(robot, paths, rows.columns))
     found: Check | ServoAudit | UnusableRecordings
     try:
-        found = _checked(context, described, paths, rows, run, unsigned=unsigned, output=output)
+        if described is None:
+            from ...faults.commands import audit_servos
+
+            bares = [read_bare(path, columns=rows.columns, rate=rows.rate) for path in paths]
+            units = {joint: unit for _, stated in bares for joint, unit in stated.items()}
+            found = audit_servos([recording for recording, _ in bares], units)
+        else:
+            read = given_recordings(paths, described, rows.columns, unsigned, rows.rate, output=output, quiet=run.json)
+            with bars(run.json) as progress:
+                found = judge(described, read, options=given_options(rows, run.seed), progress=progress)
+            if isinstance(found, ServoAudit) and not has_drives(read):  # options for torque exclude it
+                instead_of_torque(context, RecordingError(found.notes[0].partition(": ")[2]), read, "checked")
     except (RecordingError, LinAlgError, ArithmeticError) as error:
         found = unusable(paths, error, rows.columns)
     if described is not None:
@@ -106,35 +124,6 @@ def check(
         inputs = [Input(readable(rows.columns), digest_of(Path(rows.columns)), "columns")] if rows.columns else []
     named = {} if hasattr(found, "robot") else {"robot": described.name if described else ""}
     return deliver_report(found, inputs, output, run.json, given_command(context), seed=run.seed, **named)
-
-
-def _checked(
-    context: typer.Context,
-    described: Robot | None,
-    paths: Sequence[str],
-    rows: RowOptions,
-    run: RunOptions,
-    *,
-    unsigned: bool,
-    output: str | None,
-) -> Check | ServoAudit | UnusableRecordings:
-    """Check of torque, or audit of position drives, which options for torque exclude."""
-    from ...check import check as judge
-    from ...faults import ServoAudit
-
-    if described is None:
-        from ...faults.commands import audit_servos
-        from ...recording import read_bare
-
-        read = [read_bare(path, columns=rows.columns, rate=rows.rate) for path in paths]
-        units = {joint: unit for _, own in read for joint, unit in own.items()}
-        return audit_servos([recording for recording, _ in read], units)
-    given = given_recordings(paths, described, rows.columns, unsigned, rows.rate, output=output, quiet=run.json)
-    with bars(run.json) as progress:
-        found = judge(described, given, options=given_options(rows, run.seed), progress=progress)
-    if isinstance(found, ServoAudit) and not has_drives(given):
-        instead_of_torque(context, RecordingError(found.notes[0].partition(": ")[2]), given, "checked")
-    return found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -196,7 +185,7 @@ def identify(
     delay, friction, armature and limits, by simulation of the closed loop (servo mode).
     """
     from ...identify import identify as learn
-    from ..files import IDENTIFICATION_FILES, deliver_identification
+    from ..terminal import IDENTIFICATION_FILES, deliver_identification
     from .drives import identify_drives, revised_columns
 
     check_folder(fit.output, run.json, IDENTIFICATION_FILES)
@@ -274,3 +263,68 @@ def _search(fit: IdentifyOptions) -> Search:
             raise OptionError(f"--total-mass {fit.total_mass!r} is not a range; write LO,HI in kg with LO <= HI")
         total = (low, high)
     return Search(_bounds(fit), fit.global_algorithm, fit.local_algorithm, total)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PayloadOptions:
+    """Recordings of a payload identification."""
+
+    without: Texts = option(None, "Recording without the load. Repeatable.", metavar="RECORDING")
+    carrying: Texts = option(None, "Recording with the load. Repeatable.", "--with", metavar="RECORDING")
+    time_limit: TimeLimit = DEFAULT_TIME_LIMIT
+    output: Text = output_option("Folder of payload.json and model.json, with the load. Default: none.")
+
+
+@command("signid payload 3r --without recording.csv --with loaded.csv")
+def payload(
+    loads: PayloadOptions,
+    simulation: SimulationArguments,
+    rows: RowOptions,
+    run: RunOptions,
+    recordings: OptionalRecordings = None,
+) -> int:
+    """Identify mass, centre of mass and inertia of a payload.
+
+    The load is estimated from the difference between recordings with and without it, so that errors of the robot model
+    cancel. Friction may change slightly between the recordings. The inertia of the load is physically consistent.
+    Errors of torque constants scale the load.
+
+    With one RECORDING in which the load is picked up, put down or both, the moments are found first. If no load is
+    picked up, the command says so and ends with 3.
+
+    DIR gets payload.json and model.json: SIMULATION with the load beside those that it carries already.
+
+    Raises:
+        OptionError: no recording was given, or one with --without or --with.
+    """
+    from ...model import load_model
+    from ...output.report import to_json
+    from ...payload import payload as identify_payload
+    from ..terminal import PAYLOAD_FILES, deliver
+
+    apart = bool(loads.without or loads.carrying)
+    if recordings and apart:
+        raise OptionError(
+            "a RECORDING with a load that is picked up needs neither --without nor --with; leave them out"
+        )
+    if not recordings and not apart:
+        raise OptionError(
+            "no recording was given; give one in which the load is picked up, or --without RECORDING --with RECORDING"
+        )
+    check_folder(loads.output, True, PAYLOAD_FILES)
+    if loads.output is not None:
+        check_unread(Path(loads.output) / "model.json", [simulation.simulation])
+    names = [recordings] if recordings else [loads.without, loads.carrying]
+    simulation = under_gravity(simulation, names[0], rows.columns)
+    described = None if simulation.saved else given_robot(simulation.simulation, simulation)
+    model = load_model(described) if described else given_model(simulation)[0]
+    sides = [
+        given_recordings(paths, model.robot, rows.columns, rate=rows.rate, output=loads.output, quiet=run.json)
+        for paths in names
+    ]
+    options = given_options(rows, run.seed)
+    with time_limit(loads.time_limit), bars(run.json) as progress:
+        found = identify_payload(model, *sides, options=options, progress=progress)
+    inputs = simulation_inputs(simulation, model.robot, columns=rows.columns)
+    files = {"model.json": to_json(found.model.document())} if found.found else {}
+    return deliver(found, inputs, loads.output, run.json, files)

@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ...errors import OptionError
-from ..app import Text, command, option
+from ..app import Columns, Json, Mcap, Rate, RecordingName, Rrd, SimulationArguments, Text, command, option
 from ..arguments import given_model, given_recordings, simulation_inputs
-from ..options import Columns, Json, Mcap, Rate, RecordingName, Rrd, SimulationArguments
 from ..terminal import DONE, check_unread
 
 if TYPE_CHECKING:
@@ -57,7 +56,7 @@ def replay(shown: ReplayOptions, simulation: SimulationArguments, recording: Rec
     from ...output.report import Screen, probe_folder, to_json, write_files
     from ...output.report.documents import provenance
     from ...output.viewers import viewer_log
-    from ..files import check_logs, write_logs
+    from ..terminal import check_logs, write_logs
 
     html, diagnosis = shown.html, shown.diagnosis
     if html is not None:

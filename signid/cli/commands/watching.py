@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ...errors import OptionError
-from ..app import command, option
+from ..app import Columns, Json, Mcap, Rate, Rrd, SimulationArguments, command, option
 from ..arguments import given_model
-from ..options import Columns, Json, Mcap, Rate, Rrd, SimulationArguments
 from ..terminal import DONE, FLAGGED, check_unread, write_error
 
 if TYPE_CHECKING:
@@ -69,7 +68,7 @@ def watch(
     """
     from ...output.report import probe_folder
     from ...watch import Note, open_watch, stream_flags
-    from ..files import check_logs
+    from ..terminal import check_logs
 
     files = check_logs(rrd=watching.rrd, mcap=watching.mcap)
     for kind, path in {**files, "save": watching.save}.items():

@@ -8,9 +8,8 @@ from typing import Annotated
 import typer
 
 from ...errors import ManifestError, OptionError, shorten
-from ..app import Text, command, option, output_option
+from ..app import RunOptions, Text, command, option, output_option
 from ..arguments import given_command
-from ..options import RunOptions
 from ..terminal import BAD, DONE, FLAGGED, bars, show, write_error
 
 
@@ -53,7 +52,7 @@ def fleet(
     check_foreign(place, ("fleet.json", "index.html"))
     try:
         with bars(run.json, one=True) as progress:
-            found = work(
+            result = work(
                 manifest,
                 place,
                 scheduler=options.scheduler,
@@ -70,12 +69,12 @@ def fleet(
     except KeyboardInterrupt:
         write_error(f"interrupted; completed sessions are kept in {place}; repeat the command to continue")
         raise
-    document = found.document()
+    document = result.document()
     text = to_json(document)
-    page = fleet_page(document, given_command(context), found.reused)
+    page = fleet_page(document, given_command(context), result.reused)
     written = write_files(place, {"fleet.json": text, "index.html": page})
-    show(text if run.json else fleet_tables(document, found.reused), (), written)
-    if flagged := [one.entry.session for one in found.outcomes if one.done and one.code == FLAGGED]:
+    show(text if run.json else fleet_tables(document, result.reused), (), written)
+    if flagged := [one.entry.session for one in result.outcomes if one.done and one.code == FLAGGED]:
         names = shorten(flagged, 3)
         write_error(f"the results of {names} are flagged; index.html marks them, their reports give the reasons")
-    return FLAGGED if found.flagged else DONE
+    return FLAGGED if result.flagged else DONE

@@ -98,7 +98,13 @@ def read_manifest(path: str | Path) -> Manifest:
             entries.append(_entry(line, row))
         except ValueError as error:
             faults.append(f"{source.name}, line {line}: {error}")
-    faults += [f"{source.name}, {sentence}" for sentence in _repeated(entries)]
+    lines: dict[str, list[str]] = {}
+    for entry in entries:
+        lines.setdefault(entry.session.casefold(), []).append(str(entry.line))
+    advice = "give them different names or times, or name them in a column session"
+    for name, repeated in lines.items():
+        if len(repeated) > 1:
+            faults.append(f"{source.name}, lines {shorten(repeated)}: all have the session name {name}; {advice}")
     if not rows:
         faults.append(f"{source.name} lists no session; add one row per session below the column names")
     if faults:
@@ -179,16 +185,6 @@ def _folder(row: Mapping[str, str], name: str, recordings: Sequence[str], task: 
             f"{given or found!r} is not a valid folder name; name the session with letters, digits, - and _"
         )
     return found
-
-
-def _repeated(entries: Sequence[Entry]) -> Iterator[str]:
-    lines: dict[str, list[str]] = {}
-    for entry in entries:
-        lines.setdefault(entry.session.casefold(), []).append(str(entry.line))
-    for name, found in lines.items():
-        if len(found) > 1:
-            advice = "give them different names or times, or name them in a column session"
-            yield f"lines {shorten(found)}: all have the session name {name}; {advice}"
 
 
 def describe_robots(listed: Manifest) -> list[tuple[Input, ...]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import exp, log
@@ -11,12 +12,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...effects import EFFECTS
+from ...output.report.quantities import Quantity
 from ...output.report.results.fleet import FLAGGED_STATE as MARKED, UNDONE_STATE, change_sentence, outlier_sentence
 from ...output.report.results.sentences import Named, finding_headline, subject
 from ...types import Input, Result
 from ...version import __version__
 from ..terminal import FLAGGED
-from .summary import Number, Outcome, Summary
+from .manifest import Entry
 
 FLEET_SCHEMA = "signid.fleet/1"
 CHANGE_PRIOR = 0.01  # prior probability that a parameter changed, or that a robot's parameter is an outlier; stated
@@ -29,6 +31,8 @@ BASE_SPREAD = 0.02  # spread of base parameters, which neither wear nor warm, as
 MIN_SCATTER_PARAMETERS = 8  # minimum number of parameters whose scatter widens all standard deviations
 STD_OVER_MAD = 1.4826  # standard deviation over median absolute deviation of a normal variable
 MIN_KIND_ROBOTS = 3  # minimum number of robots of a kind, to say which of them is the outlier
+DOCUMENT_OF_TASK = {"diagnose": "diagnosis.json", "identify": "identification.json"}
+MAX_NOISE_FACTOR = 1e6  # maximum ratio of residual to noise floor
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +81,7 @@ def _moment(outcome: Outcome) -> tuple[float, int]:
 
 def _latest(sessions: Sequence[Outcome]) -> Outcome:
     """The last session with a known mismatch, or else the last session."""
-    return ([one for one in sessions if one.summary.mismatch is not None] or sessions)[-1]
+    return ([session for session in sessions if session.summary.mismatch is not None] or sessions)[-1]
 
 
 def _fields_of(source: object, keys: str) -> Mapping[str, Any]:
@@ -154,7 +158,7 @@ def find_changes(robots: Iterable[Sequence[Outcome]]) -> list[Difference]:
         since: dict[tuple[str, str], int] = {}
         for k in range(1, len(sessions)):
             compared = _compared(sessions[k], sessions[:k], SESSION_SPREAD, since)
-            since |= {one.number[:2]: k for one in compared if one.found}
+            since |= {difference.number[:2]: k for difference in compared if difference.found}
             found += compared
     return sorted(found, key=_rank)
 
@@ -163,11 +167,12 @@ def find_outliers(kinds: Iterable[Sequence[Outcome]]) -> list[Difference]:
     """Parameters of each robot beside those of the others of its kind, the most probable outlier first."""
     pairs = ((robots, k) for robots in kinds for k in range(len(robots)))
     compared = (_compared(robots[k], [*robots[:k], *robots[k + 1 :]], ROBOT_SPREAD, {}) for robots, k in pairs)
-    return sorted((one for some in compared for one in some if len(one.others) >= MIN_KIND_ROBOTS - 1), key=_rank)
+    differences = (difference for group in compared for difference in group)
+    return sorted((x for x in differences if len(x.others) >= MIN_KIND_ROBOTS - 1), key=_rank)
 
 
-def _rank(one: Difference) -> tuple[float, str, str, str]:
-    return -one.odds, one.at.entry.name, one.at.entry.session, one.number.what
+def _rank(difference: Difference) -> tuple[float, str, str, str]:
+    return -difference.odds, difference.at.entry.name, difference.at.entry.session, difference.number.what
 
 
 def change_document(sessions: Sequence[Sequence[Outcome]]) -> dict[str, Any]:
@@ -193,34 +198,34 @@ def change_document(sessions: Sequence[Sequence[Outcome]]) -> dict[str, Any]:
     }
 
 
-def _row(one: Difference) -> dict[str, Any]:
-    number = one.number
+def _row(difference: Difference) -> dict[str, Any]:
+    number = difference.number
     return {
-        "name": one.at.entry.name,
-        "kind": one.at.summary.kind,
+        "name": difference.at.entry.name,
+        "kind": difference.at.summary.kind,
         "number": number.what,
         "title": _title(number),
         "effect": number.effect or None,
         **{key: getattr(number, key) for key in ("joint", "partner", "unit")},
-        "finding": one.found,
-        "probability": one.probability,
-        "log_bayes_factor": one.odds,
-        "spread": one.spread,
-        "change": number.value - one.centre,
+        "finding": difference.found,
+        "probability": difference.probability,
+        "log_bayes_factor": difference.odds,
+        "spread": difference.spread,
+        "change": number.value - difference.centre,
     }
 
 
-def _change(one: Difference) -> dict[str, Any]:
-    at, last = one.at.entry, one.others[-1].entry
-    before = {"sessions": [other.entry.session for other in one.others], "time": last.time}
-    after = {"session": at.session, "time": at.time, "value": one.number.value, "std": one.number.std}
-    return {**_row(one), "before": {**before, "value": one.centre, "std": one.centre_std}, "after": after}
+def _change(change: Difference) -> dict[str, Any]:
+    at, last = change.at.entry, change.others[-1].entry
+    before = {"sessions": [other.entry.session for other in change.others], "time": last.time}
+    after = {"session": at.session, "time": at.time, "value": change.number.value, "std": change.number.std}
+    return {**_row(change), "before": {**before, "value": change.centre, "std": change.centre_std}, "after": after}
 
 
-def _outlier(one: Difference) -> dict[str, Any]:
-    own = {"session": one.at.entry.session, "value": one.number.value, "std": one.number.std}
-    others = {"robots": [other.entry.name for other in one.others], "least": one.least, "median": one.centre}
-    return {**_row(one), **own, "others": {**others, "most": one.most}}
+def _outlier(outlier: Difference) -> dict[str, Any]:
+    number = {"session": outlier.at.entry.session, "value": outlier.number.value, "std": outlier.number.std}
+    others = {"robots": [other.entry.name for other in outlier.others], "least": outlier.least}
+    return {**_row(outlier), **number, "others": {**others, "median": outlier.centre, "most": outlier.most}}
 
 
 def _title(number: Number) -> str:
@@ -299,3 +304,145 @@ def _difference(
         spread=float(np.sqrt(number.std**2 + spread**2 + variance)),
         width=CHANGE_STD * size(centre),
     )
+
+
+class Number(NamedTuple):
+    """A parameter estimated in one session."""
+
+    what: str  # "coulomb_friction of joint_2: level"
+    unit: str
+    value: float
+    std: float
+    effect: str = ""  # of a law; "": a base parameter
+    joint: str | None = None
+    partner: str | None = None
+
+    @property
+    def key(self) -> str:
+        """Name of the parameter in its law."""
+        return self.what.rpartition(": ")[2]
+
+    @property
+    def place(self) -> tuple[str, str]:
+        """Group of parameters of one size: of laws, all of the joint in the same unit."""
+        return (self.joint or self.what) if self.effect else self.what, self.unit
+
+    @property
+    def shown(self) -> Quantity:
+        """For its wording."""
+        return Quantity(self.key, self.value, self.std, self.unit)
+
+
+class Cause(NamedTuple):
+    """A law that a simulation lacks."""
+
+    effect: str
+    joint: str | None
+    partner: str | None
+    numbers: tuple[Number, ...]
+    role: str  # "cause", or of a correction another
+    share: float = 0.0  # largest torque over that of the joint [1]
+    stated: float = 0.0  # value of its first number in the simulation [unit of the number]
+
+    @property
+    def name(self) -> str:
+        """Name of the law and its joints."""
+        return _law_name(self.effect, self.joint, self.partner)
+
+    @property
+    def named(self) -> Named:
+        """For its wording."""
+        numbers = {number.key: number.shown for number in self.numbers}
+        return Named(EFFECTS[self.effect], self.joint, self.partner, numbers)
+
+
+class Summary(NamedTuple):
+    """Result of a session. Residuals are those of the held-out torque, relative to the noise floor."""
+
+    kind: str = ""  # kind of robot: the name in its description
+    mismatch: float | None = None  # residual of the simulation or the identified model at the joint where it is largest
+    joint: str = ""  # that joint
+    left: float | None = None  # residual of the extended simulation at that joint
+    verdict: str = ""  # verdict of a diagnosis
+    numbers: tuple[Number, ...] = ()  # parameters that are compared
+    found: tuple[Cause, ...] = ()  # causes and corrections
+    tolerance: float = 0.0  # largest residual that counts as no difference, as a share of torque [1]
+
+    @property
+    def causes(self) -> list[Cause]:
+        """Without corrections."""
+        return [cause for cause in self.found if cause.role == "cause"]
+
+    @property
+    def explained(self) -> float | None:
+        """Share of the squared residual at that joint that a diagnosis explains."""
+        return None if self.left is None or not self.mismatch else max(0.0, 1 - (self.left / self.mismatch) ** 2)
+
+
+class Outcome(NamedTuple):
+    """One session, completed or failed."""
+
+    entry: Entry
+    code: int | None  # exit code of its command; None: its processes died
+    said: tuple[str, ...]  # flags, or the reason of the failure
+    files: tuple[str, ...] = ()  # files in its folder
+    summary: Summary = Summary()
+
+    @property
+    def done(self) -> bool:
+        """Whether there is a result."""
+        return bool(self.files)
+
+
+def summarise(task: str, document: Mapping[str, Any]) -> Summary:
+    """Summarise the diagnosis.json or identification.json of a session."""
+    kind, fit = str(document["robot"]), document["fit"]
+    before = fit if task == "identify" else fit["before"]
+    sizes = [(size, -j) for j in range(len(before["joints"])) if (size := _over(before, j)) is not None]
+    mismatch, j = max(sizes, default=(None, 0))
+    joint = "" if mismatch is None else str(before["joints"][-j])
+    if task == "identify":
+        return Summary(kind, mismatch, joint, numbers=tuple(_identified(document)))
+    left = None if mismatch is None else _over(fit["after"], -j)
+    found = tuple(_cause(finding) for finding in document["findings"])
+    numbers = tuple(number for cause in found for number in cause.numbers)
+    tolerance = float(document.get("tolerance") or 0.0)
+    return Summary(kind, mismatch, joint, left, str(document["verdict"]), numbers, found, tolerance)
+
+
+def _over(fit: Mapping[str, Sequence[Any]], j: int) -> float | None:
+    rms, floor = fit["held_out_rms"][j], fit["noise_floor"][j]
+    return None if rms is None or floor is None else min(MAX_NOISE_FACTOR, rms / max(floor, 1e-300))
+
+
+def _law_name(effect: str, joint: str | None, partner: str | None = None) -> str:
+    return effect + (f" of {joint}{f' and {partner}' if partner else ''}" if joint else "")
+
+
+def _cause(finding: Mapping[str, Any]) -> Cause:
+    parameters = finding["parameters"]
+    at = finding["effect"], finding["joint"], parameters.get("partner", {}).get("value")
+    numbers = tuple(_numbers(parameters, *at))
+    stated = parameters[numbers[0].key].get("stated") if numbers else None
+    share = max((finding.get("torque_share") or {}).values(), default=0.0)
+    return Cause(*at, numbers, finding["role"], float(share), float(stated or 0.0))
+
+
+def _identified(document: Mapping[str, Any]) -> Iterator[Number]:
+    """Parameters of laws, and base parameters other than the coefficient of a single law."""
+    for law in document["effects"]:
+        yield from _numbers(law["parameters"], law["effect"], law["joint"])
+    law_alone = re.compile(rf"({'|'.join(map(re.escape, EFFECTS.names))})[\w.]*")
+    for base in document["base_parameters"]:
+        value, std = base["estimate"], base["std"]
+        if not law_alone.fullmatch(base["expression"]) and value is not None and std:
+            yield Number(base["expression"], base["unit"], value, std)
+
+
+def _numbers(
+    parameters: Mapping[str, Mapping[str, Any]], effect: str, joint: str | None, partner: str | None = None
+) -> Iterator[Number]:
+    for key, parameter in parameters.items():
+        if key != "partner" and parameter["value"] is not None and parameter["std"]:
+            what, (value, std) = f"{_law_name(effect, joint, partner)}: {key}", (parameter[x] for x in ("value", "std"))
+            yield Number(what, parameter["unit"], float(value), float(std), effect, joint, partner)

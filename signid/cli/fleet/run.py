@@ -31,8 +31,7 @@ from ...types import Progress
 from ...version import __version__
 from ..terminal import DONE, FLAGGED
 from .manifest import Entry, describe_robots, digest, read_inputs, read_manifest
-from .result import Fleet
-from .summary import DOCUMENT_OF_TASK, Outcome, summarise
+from .result import DOCUMENT_OF_TASK, Fleet, Outcome, summarise
 
 SESSION_FILE = "session.json"
 SESSION_SCHEMA = "signid.session/2"

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import logsumexp
 
-from ...regression.factors import Misfit
 from ...types import Array, Frozen, Indices
 from ..data.dataset import Dataset, columns_of, solve
 from ..data.noise import (

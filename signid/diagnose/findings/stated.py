@@ -18,10 +18,9 @@ from ...effects.base import TorqueLaw
 from ...effects.law import law_torque
 from ...estimation.fit_quality import rms_of
 from ...model import Model
-from ...parameters import TWO_SIDED
 from ...regression.projection import leave
 from ...regression.session import Session
-from ...types import Array, Law
+from ...types import TWO_SIDED, Array, Law
 from .. import thresholds as tuned
 from ..data.dataset import Dataset
 from ..data.estimated_gains import EstimatedGain

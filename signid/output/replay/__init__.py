@@ -19,7 +19,7 @@ from ...model import ModelSource, as_model
 from ...recording import as_recording, need_torque
 from ...recording.sampling import time_origin
 from ...recording.source import Source
-from ...simulation.rollout.run import restrict_joints
+from ...simulation.rollout import restrict_joints
 from ...typed import typed
 from ...types import Array, Recording, Robot, Table
 from .marks import headline, marks, read_found

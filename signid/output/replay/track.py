@@ -23,8 +23,7 @@ from ...robot.dynamics import joint_of_row, own_row
 from ...servo import plant
 from ...servo.given import stated_servos
 from ...servo.simulate import registered
-from ...simulation.rollout import roll_out
-from ...simulation.rollout.run import restrict_joints
+from ...simulation.rollout import restrict_joints, roll_out
 from ...types import Array, Frozen, Indices, Mask, Recording, Robot
 
 DIVERGED_POSITION = 1e3  # [rad or m] position from which on a simulation has diverged

@@ -19,7 +19,7 @@ from ...model import Model, ModelSource, as_model
 from ...recording import Recordings, as_recordings, need_torque
 from ...recording.sampling import time_origin
 from ...regression.bandwidth import lowpass
-from ...simulation.rollout.run import restrict_joints
+from ...simulation.rollout import restrict_joints
 from ...typed import typed
 from ...types import Array, Frozen, Recording, Robot
 from ..replay.marks import headline, marks, read_found

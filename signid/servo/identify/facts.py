@@ -8,10 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from ...model import Model
-from ...parameters import Array
 from ...robot.joints import similar_joints
 from ...servos import Servo, ServoGrid
-from ...types import Recording, Robot
+from ...types import Array, Recording, Robot
 from ..plant import servo_grids
 from ..plant.course import bodies_of, recorded_course
 from ..search.data import ServoData

@@ -9,9 +9,8 @@ import numpy as np
 
 from ...errors import shorten
 from ...model import Model
-from ...parameters import Array
 from ...servos import SERVO_NUMBERS, Servo, ServoGrid
-from ...types import Robot
+from ...types import Array, Robot
 from ..fit import ServoFit, fit_servos
 from ..plant import roll_out
 from ..search.choice import Candidate, fit_candidate

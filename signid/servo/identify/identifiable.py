@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import decimals, shorten
-from ...parameters import Array
 from ...servos import LOOP_UNITS, SERVO_UNITS, SUM_PARTS, Servo
+from ...types import Array
 from ..given import Bounds, Prior
 from .result import ServoNumber
 

@@ -9,9 +9,8 @@ from typing import NamedTuple
 from ...estimation.repeats import VaryingNumber
 from ...frozen import Frozen, Result
 from ...model import Model
-from ...parameters import Array
 from ...servos import Servo
-from ...types import Input, Robot
+from ...types import Array, Input, Robot
 from ..given import Bounds, Prior
 from ..search.choice import Candidate
 from ..zeros import JointZero

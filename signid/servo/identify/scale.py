@@ -11,10 +11,9 @@ from scipy.stats import chi2
 
 from ...errors import OptionError, shorten
 from ...model import Model
-from ...parameters import Array
 from ...robot.dynamics import moved_bodies
 from ...servos import DRIVE_LAWS, KD_ON, SERVO_NUMBERS, Servo, ServoGrid
-from ...types import Robot
+from ...types import Array, Robot
 from ..given import Assumptions
 from ..plant.course import bodies_of, groups
 from ..search.choice import Candidate

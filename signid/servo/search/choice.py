@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ...model import Model
-from ...parameters import Array
 from ...robot.joints import similar_joints
 from ...servos import Servo, ServoGrid
+from ...types import Array
 from ..fit import ServoFit, fit_servos
 from ..given import OWN, Assumptions
 from ..plant.course import recorded_course

@@ -251,12 +251,17 @@ def excite(
     steps = int(np.ceil(SAMPLES_PER_PERIOD * harmonics * frequency * duration))
     cost = ExcitationCost(problem, CRITERIA[criterion], family, np.linspace(0, duration, steps + 1), PENALTY, EXTRA_GAP)
     budget = budget or Budget.usual(len(model.robot.joints))
-    feasible, found = (_draw_motion if kind == RANDOM_KIND else _optimise_motion)(cost, budget, seed, progress)
+    if kind == RANDOM_KIND:
+        fine = family.basis(np.arange(0, duration, SCALING_STEP))
+        found = FoundMotion(random_parameters(fine, limits, np.random.default_rng(seed)), 1, spent=False)
+        feasible = make_feasible(problem, family, found.x)
+    else:
+        feasible, found = _optimise_motion(cost, budget, seed, progress)
     small = (
         f"the optimised motion was scaled to {feasible.share:.0%} to obey torque limits and distances between links, "
         f"and is no longer optimal; try another seed or a larger budget"
     )
-    fine = family.sample(model.robot.joints, feasible.x, time_grid(duration))
+    dense = family.sample(model.robot.joints, feasible.x, time_grid(duration))
     trajectory = family.sample(model.robot.joints, feasible.x, at_rate(duration, rate))
     precision = predict_precision(problem, trajectory)
     return Excitation(
@@ -270,7 +275,7 @@ def excite(
         std=precision.std,
         relative_std=precision.std / np.where(problem.value, np.abs(problem.value), np.nan),
         noise=problem.noise,
-        use=problem.use(fine),
+        use=problem.use(dense),
         distance=feasible.distance,
         seed=seed,
         evaluations=found.evaluations,
@@ -291,15 +296,6 @@ def _check_options(kind: str, criterion: str, rate: float, duration: float, harm
             f"give a shorter duration, fewer harmonics or a lower base frequency"
         )
     check_rows(duration, rate)
-
-
-def _draw_motion(
-    cost: ExcitationCost, budget: Budget, seed: int, progress: Progress | None
-) -> tuple[FeasibleMotion, FoundMotion]:
-    """Random motion within all limits."""
-    fine = cost.family.basis(np.arange(0, cost.family.duration, SCALING_STEP))
-    x = random_parameters(fine, cost.problem.limits, np.random.default_rng(seed))
-    return make_feasible(cost.problem, cost.family, x), FoundMotion(x, 1, spent=False)
 
 
 def _optimise_motion(

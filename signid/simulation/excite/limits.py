@@ -213,7 +213,17 @@ def build_limits(
     rise = _joint_limits(robot, "acceleration", acceleration, speed / FREE_RISE_TIME)
     effort = _joint_limits(robot, "torque", torque, robot.effort_limit)
     notes += _note(robot, ~np.isfinite(effort), "no torque limit is stated")
-    _refuse_empty(robot, low, up, {"velocity": speed, "acceleration": rise, "torque": effort})
+    for j, joint in enumerate(robot.joints):
+        if not low[j] < up[j]:
+            raise OptionError(
+                f"joint {joint} would move from {low[j]:g} to {up[j]:g}; the lower limit must be below the upper"
+            )
+        for name, size in {"velocity": speed, "acceleration": rise, "torque": effort}.items():
+            if not size[j] > 0:
+                raise OptionError(
+                    f"the {name} limit of joint {joint} is {size[j]:g}, which leaves no motion; "
+                    "give a positive one, or hold the joint with --lock"
+                )
     return Limits(low, up, speed, rise, effort, margin, tuple(notes))
 
 
@@ -225,20 +235,6 @@ def _joint_limits(robot: Robot, name: str, value: GivenLimit, stated: Array) -> 
     if array.shape not in ((), (n,)) or np.isnan(array).any():
         raise OptionError(f"the {name} limit has shape {array.shape}; give one number, or one for each of {n} joints")
     return np.broadcast_to(array, (n,)).copy()
-
-
-def _refuse_empty(robot: Robot, lower: Array, upper: Array, sizes: dict[str, Array]) -> None:
-    for j, joint in enumerate(robot.joints):
-        if not lower[j] < upper[j]:
-            raise OptionError(
-                f"joint {joint} would move from {lower[j]:g} to {upper[j]:g}; the lower limit must be below the upper"
-            )
-        for name, size in sizes.items():
-            if not size[j] > 0:
-                raise OptionError(
-                    f"the {name} limit of joint {joint} is {size[j]:g}, which leaves no motion; "
-                    "give a positive one, or hold the joint with --lock"
-                )
 
 
 def _note(robot: Robot, which: Mask, text: str) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, NamedTuple
@@ -19,7 +19,7 @@ from ...regression.motion import Motion
 from ...regression.projection import leave
 from ...regression.rows import away_from_reversals
 from ...typed import typed
-from ...types import Array, Frozen, Law, Mask, Progress, Trajectory
+from ...types import Array, Frozen, Law, Progress, Trajectory
 from .design import EXTRA_GAP, MIN_CLEARANCE, MOTION_SEARCH, make_feasible, time_grid
 from .families import (
     Family,
@@ -95,7 +95,12 @@ def law_distance(law: Law, rival: Law, motion: Motion, nuisance: Array, noise: A
 
     Source: T-optimality, Atkinson, Fedorov, Biometrika 62(1), 1975.
     """
-    weight = _certain_samples(motion, {j for one in (law, rival) if one.effect.reverses for j in one.joints}) / noise
+    at = list({j for acting in (law, rival) if acting.effect.reverses for j in acting.joints})
+    sign = np.sign(motion.v)  # a reversal may lie between two samples
+    speed = np.where(np.diff(sign, axis=0, append=sign[-1:]) != 0, 0.0, motion.v)
+    certain = np.ones(motion.v.shape, dtype=bool)
+    certain[:, at] = away_from_reversals(speed[:, at], round(NEAR_TIME / motion.dt), np.full(len(at), DIRECTION_SPEED))
+    weight = certain / noise
     stated = Law(law.effect, law.joints, {**law.effect.example, **law.parameters})
     rows, torque = law_torque(stated, motion)
     wide = np.zeros_like(motion.q)
@@ -125,15 +130,6 @@ def with_torque(model: Model, trajectory: Trajectory) -> Motion:
     slow = np.full(q.shape[1], DIRECTION_SPEED)
     torque = model.inverse(Motion(model.robot, t, q, v, a, slow=slow))
     return Motion(model.robot, t, q, v, a, recorded=torque, predicted=torque, slow=slow)
-
-
-def _certain_samples(motion: Motion, joints: Collection[int]) -> Mask:
-    """Mask (N, n) of samples that are not near a reversal of some joints; a reversal may lie between two samples."""
-    sign, at = np.sign(motion.v), list(joints)
-    speed = np.where(np.diff(sign, axis=0, append=sign[-1:]) != 0, 0.0, motion.v)
-    certain = np.ones(motion.v.shape, dtype=bool)
-    certain[:, at] = away_from_reversals(speed[:, at], round(NEAR_TIME / motion.dt), np.full(len(at), DIRECTION_SPEED))
-    return certain
 
 
 def _law_shapes(law: Law, motion: Motion) -> Iterator[Law]:
@@ -187,7 +183,16 @@ def separate(
     Source: T-optimality, Atkinson, Fedorov, Biometrika 62(1), 1975.
     """
     model = torque_model(as_model(model, "separate"))
-    _refuse(model, first, second, nuisance)
+    for law in (first, second):
+        if law.joints not in candidate_places(law.effect, len(model.robot.joints)):
+            raise OptionError(
+                f"{law.effect.name} cannot act at joints {law.joints} of {model.robot.name}; choose from "
+                f"{candidate_places(law.effect, len(model.robot.joints))[:8]}, counted from 0"
+            )
+    if (first.effect.name, first.joints) == (second.effect.name, second.joints):
+        raise OptionError(f"both laws are {first.effect.name} at the same joints; give two that differ")
+    if nuisance not in ("friction", "bodies"):
+        raise OptionError(f"there is no nuisance {nuisance!r}; choose from friction, bodies")
     check_duration(duration, harmonics, 1 / duration if duration > 0 else 0.0)
     check_rows(duration, rate)
     limits = limits or build_limits(model.robot)
@@ -200,8 +205,8 @@ def separate(
     pair = LawPair(problem, first, second, nuisance == "bodies")
     search = _MotionSearch(pair, at_rate(duration, density), families, seed, progress)
     pool = search.random_pool()
-    ways = tuple(way for way in (0, 1) if max(one.distance.shares[way] for one in pool) > EQUAL_LAW_SHARE)
-    ends = search.improve(pool, ways) if ways else [max(pool, key=lambda one: float(np.ptp(one.x[:, 1:])))]
+    ways = tuple(way for way in (0, 1) if max(candidate.distance.shares[way] for candidate in pool) > EQUAL_LAW_SHARE)
+    ends = search.improve(pool, ways) if ways else [max(pool, key=lambda candidate: float(np.ptp(candidate.x[:, 1:])))]
     feasible = [(end.family, make_feasible(problem, end.family, end.x)) for end in ends]
     family, best = max(feasible, key=lambda end: search.objective(end[0], end[1].x, ways))
     distance = search.distance(family, best.x)
@@ -212,7 +217,7 @@ def separate(
         laws=(first, second),
         distances=distance.seen,
         shares=distance.shares,
-        median=float(np.median([search.smaller(one.distance, ways) for one in pool])),
+        median=float(np.median([search.smaller(candidate.distance, ways) for candidate in pool])),
         structural=not ways,
         noise=problem.noise,
         use=problem.use(fine),
@@ -244,19 +249,6 @@ def _pair_flags(first: Law, second: Law, distance: Distance, ways: Sequence[int]
     return ()
 
 
-def _refuse(model: Model, first: Law, second: Law, nuisance: str) -> None:
-    for law in (first, second):
-        if law.joints not in candidate_places(law.effect, len(model.robot.joints)):
-            raise OptionError(
-                f"{law.effect.name} cannot act at joints {law.joints} of {model.robot.name}; choose from "
-                f"{candidate_places(law.effect, len(model.robot.joints))[:8]}, counted from 0"
-            )
-    if (first.effect.name, first.joints) == (second.effect.name, second.joints):
-        raise OptionError(f"both laws are {first.effect.name} at the same joints; give two that differ")
-    if nuisance not in ("friction", "bodies"):
-        raise OptionError(f"there is no nuisance {nuisance!r}; choose from friction, bodies")
-
-
 class _Candidate(NamedTuple):
     """Motion and the distance of the laws along it."""
 
@@ -282,18 +274,18 @@ class _MotionSearch(Frozen):
 
     def random_pool(self) -> list[_Candidate]:
         """Random motions of random centre and size, scaled to the limits of position, velocity and acceleration."""
-        rng, limits, found = np.random.default_rng(self.seed), self.laws.problem.limits, []
+        rng, limits, candidates = np.random.default_rng(self.seed), self.laws.problem.limits, []
         for k in range(POOL_MOTIONS):
             family = self.families[k % len(self.families)]
             x = random_parameters(self._bases[id(family)], limits, rng, POOL_LIMIT_SHARES)
-            found.append(_Candidate(family, x, self.distance(family, x)))
+            candidates.append(_Candidate(family, x, self.distance(family, x)))
             self._report("drawing motions", k, POOL_MOTIONS)
-        return found
+        return candidates
 
     def improve(self, pool: Sequence[_Candidate], ways: Sequence[int]) -> list[_Candidate]:
         """The best motions of a pool, improved one after another."""
-        ranked = sorted(pool, key=lambda one: self.objective(one.family, one.x, ways), reverse=True)[:IMPROVED_MOTIONS]
-        return [self._improved(one, ways, k) for k, one in enumerate(ranked)]
+        ranked = sorted(pool, key=lambda candidate: self.objective(candidate.family, candidate.x, ways), reverse=True)
+        return [self._improved(candidate, ways, k) for k, candidate in enumerate(ranked[:IMPROVED_MOTIONS])]
 
     def distance(self, family: Family, x: Array) -> Distance:
         """Distance of the laws along the motion of parameters x (n, d) [rad or m]."""

@@ -14,7 +14,7 @@ from ...errors import OptionError, RobotError
 from ...model import Model
 from ...robot import configuration, weld
 from ...robot.dynamics import joint_of_row, mass_matrices, own_row, point_jacobian
-from ...types import Array, Frozen, Indices, Law, Mask, Robot
+from ...types import Array, Frozen, Indices, Mask, Robot
 
 SOLVER_ITERATIONS, SOLVER_TOLERANCE = 200, 1e-10  # of Pinocchio's solver; the tolerance is absolute
 MAX_GUESSES = 12  # guesses of the held joints before Pinocchio's solver is used
@@ -114,10 +114,26 @@ class PlantBodies(Frozen):
 
 
 def build_bodies(model: Model) -> PlantBodies:
-    """Bodies of a model with its body laws; each joint with a transmission law is split into motor and link side."""
+    """Bodies of a model with its body laws; each joint with a transmission law is split into motor and link side.
+
+    Raises:
+        OptionError: a transmission law cannot act at its joint.
+    """
     robot, whole, elastic = model.robot, model.bodies(), model.of(TransmissionLaw)
     soft = [law.joints[0] for law in elastic]
-    _check_elastic(robot, whole, elastic)
+    for law in elastic:
+        joint, followers = robot.joints[law.joints[0]], np.flatnonzero(robot.drive[:, law.joints[0]])
+        if len(followers) > 1:
+            raise OptionError(
+                f"{law.effect.name} cannot act at {joint}, since other joints follow it; simulate without that law"
+            )
+        if not whole.armature[followers[0]] > 0:
+            raise OptionError(
+                f"{law.effect.name} at {joint} needs the inertia of the motor: add armature@{joint}:inertia=0.1, "
+                f"or state it in an actuators file"
+            )
+    if len(set(soft)) < len(soft):
+        raise OptionError("two transmission laws act at one joint; give at most one per joint")
     kept, rows = _without_held(robot, whole)
     parted, motor_rows, flex_rows = _with_flex(kept, [int(np.flatnonzero(robot.drive[rows][:, j])[0]) for j in soft])
     drive = np.zeros((parted.nv, len(robot.joints) + len(soft)))
@@ -142,22 +158,6 @@ def build_bodies(model: Model) -> PlantBodies:
         joint_of_row(parted, tip),
         whole.inertias[joint_of_row(whole, last)].lever,
     )
-
-
-def _check_elastic(robot: Robot, model: Any, elastic: Sequence[Law]) -> None:
-    for law in elastic:
-        joint, rows = robot.joints[law.joints[0]], np.flatnonzero(robot.drive[:, law.joints[0]])
-        if len(rows) > 1:
-            raise OptionError(
-                f"{law.effect.name} cannot act at {joint}, since other joints follow it; simulate without that law"
-            )
-        if not model.armature[rows[0]] > 0:
-            raise OptionError(
-                f"{law.effect.name} at {joint} needs the inertia of the motor: add armature@{joint}:inertia=0.1, "
-                f"or state it in an actuators file"
-            )
-    if len({law.joints for law in elastic}) < len(elastic):
-        raise OptionError("two transmission laws act at one joint; give at most one per joint")
 
 
 def _without_held(robot: Robot, model: Any) -> tuple[Any, Indices]:

@@ -85,6 +85,8 @@ def record(
     Raises:
         OptionError: the rate does not divide the rate of the steps, or a number is invalid.
     """
+    from scipy.signal import lfilter  # slow to import
+
     robot, sensors = as_robot(robot, "record"), sensors or Sensors()
     if not isinstance(simulation, Simulation):
         raise unexpected("record", "a Simulation", simulation, "what signid.simulate returns")
@@ -93,7 +95,12 @@ def record(
     noise, clock, zeros = (np.random.default_rng([seed, k]) for k in range(3))
     t, q, tau, asked = _sampled_signals(simulation, every, sensors.jitter * every * step, clock)
     q = _quantised(q, sensors.encoder_bits, robot.prismatic, zeros)
-    tau = tau + _torque_noise(np.sqrt(np.mean(tau**2, axis=0)), len(t), every * step, sensors, noise)
+    white, coloured = noise.standard_normal((2, *tau.shape))
+    keep = float(np.exp(-2 * np.pi * CORNER_FREQUENCY * every * step))
+    coloured[1:] *= np.sqrt(1 - keep**2)  # stationary from the first row on
+    coloured = np.asarray(lfilter([1.0], [1.0, -keep], coloured, axis=0))
+    size = np.sqrt(np.mean(tau**2, axis=0))
+    tau = tau + size * (sensors.noise * white + sensors.coloured_noise * coloured)
     torque = ("abs_tau", np.abs(tau)) if sensors.unsigned else ("tau", tau)
     columns = {"t": t.round(TIME_DECIMALS)}
     for name, values in (("q", q), torque, *([("q_des", asked)] if desired else [])):
@@ -170,17 +177,6 @@ def _quantised(q: Array, bits: float | None, prismatic: Mask, rng: np.random.Gen
     count = np.where(prismatic, 1.0, 2 * np.pi) / 2**bits
     zero = rng.uniform(0, count)
     return np.asarray(np.round((q - zero) / count) * count + zero)
-
-
-def _torque_noise(size: Array, rows: int, period: float, sensors: Sensors, rng: np.random.Generator) -> Array:
-    """Torque noise (rows, n) for rms torques (n,); coloured noise is stationary from the first row on."""
-    from scipy.signal import lfilter  # slow to import
-
-    white, coloured = rng.standard_normal((2, rows, len(size)))
-    keep = float(np.exp(-2 * np.pi * CORNER_FREQUENCY * period))
-    coloured[1:] *= np.sqrt(1 - keep**2)
-    coloured = np.asarray(lfilter([1.0], [1.0, -keep], coloured, axis=0))
-    return np.asarray(size * (sensors.noise * white + sensors.coloured_noise * coloured))
 
 
 def _kept_rows(rows: int, lost: float, rng: np.random.Generator) -> Mask:

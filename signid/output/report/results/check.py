@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich.console import RenderableType
 
-from ....errors import named_for_caller
 from ....estimation.excitation import MIN_INFO
 from ....faults import OF_A_FIT
 from ....faults.gravity import WHOLE
@@ -273,7 +272,7 @@ def motion_sizes(found: Check) -> tuple[Array, Array, Array]:
 def audit_summary(found: ServoAudit, robot: str = "") -> CheckSummary:
     """Describe the audit of recordings of position drives; `robot`: its name, "" without a description."""
     given = f"{plural(len(found.recordings), 'recording')} of {plural(len(found.joints), 'servo joint')}"
-    ends = {x.joint: tuple(named_for_caller(flag.removeprefix(x.joint)) for flag in x.flags) for x in found.joints}
+    ends = {x.joint: tuple(flag.removeprefix(x.joint) for flag in x.flags) for x in found.joints}
     faults = tuple(
         FaultWords("", tuple(joint for joint, end in ends.items() if flag.endswith(end)), flag)
         for flag in found.flags

@@ -47,10 +47,10 @@ from ..sections import Bar, Card, Cells, Folds, Key, Legend, Plain, Plots, Secti
 from .signs import drawn_signs, signs_document, signs_sections
 
 if TYPE_CHECKING:
+    from ....check import Inspection
     from ....estimation.excitation import ExcitationVerdict
     from ....estimation.fit_quality import Fit
     from ....identify import Identification
-    from ....inspect import Inspection
     from ....payload import Payload
 
 COEFFICIENT_STEP = 1e-6  # [1] step of finite differences over the coefficients of a law

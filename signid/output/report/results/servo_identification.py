@@ -12,9 +12,8 @@ from rich.text import Text
 
 from ....effects import EFFECTS
 from ....model import standard_parameters
-from ....parameters import Array, pseudo_inertia
 from ....servos import PASSIVE_LAWS
-from ....types import Input
+from ....types import Array, Input, pseudo_inertia
 from ..documents import Document, description, ending, opening, picked, stamps_clock
 from ..layout import Worse, plural, share, thousandths
 from ..pages import FRICTION_LEGEND, Header, friction_plots, sections_page, shared

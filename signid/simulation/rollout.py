@@ -8,19 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from ...effects.base import ActuatorLaw, BodyLaw, RecordingLaw, TorqueLaw, TransmissionLaw, Trial, of_kind
-from ...errors import OptionError, RecordingError
-from ...model import Model, ModelSource, as_model, torque_model
-from ...recording import Recordings, as_recordings, need_torque, same_joints
-from ...recording.sampling import Sampling, samples, survey
-from ...recording.sampling.grid import Span
-from ...regression.bandwidth import Band, choose_band
-from ...regression.motion import Motion, build_motion, margin
-from ...regression.session import Part, Session, common_rate, longest_piece
-from ...robot import hold, resting
-from ...typed import typed
-from ...types import Array, Frozen, Indices, Law, Mask, Recording, Result
-from ..plant.plant import Plant, apply_actuators
+from ..effects.base import ActuatorLaw, BodyLaw, RecordingLaw, TorqueLaw, TransmissionLaw, Trial, of_kind
+from ..errors import OptionError, RecordingError
+from ..model import Model, ModelSource, as_model, torque_model
+from ..recording import Recordings, as_recordings, need_torque, same_joints
+from ..recording.sampling import Sampling, samples, survey
+from ..recording.sampling.grid import Span
+from ..regression.bandwidth import Band, choose_band
+from ..regression.motion import Motion, build_motion, margin
+from ..regression.session import Part, Session, common_rate, longest_piece
+from ..robot import hold, resting
+from ..typed import typed
+from ..types import Array, Frozen, Indices, Law, Mask, Recording, Result
+from .plant.plant import Plant, apply_actuators
 
 WINDOW_COUNT, MAX_ROLLOUT_STEP = 48, 1e-3  # default number of windows, and largest step [s]
 MAX_POSITION_ERROR = 1e3  # [rad or m] error from which on a simulation has diverged
@@ -180,7 +180,11 @@ def simulate_windows(model: Model, windows: Windows, integrator: str = "semi-imp
     plant.start(ahead[:, 0], windows.v[:, 0])
     plant.speed[:, plant.bodies.flex] = windows.flex[1]
     plant.state[:, plant.bodies.flex] = windows.flex[0] + half * windows.flex[1]
-    _remember(plant, windows)
+    for term in plant.remembering:  # memories of laws along the motion before the windows
+        j = list(term.view.joints)
+        for v in windows.before.swapaxes(0, 1):
+            x = Trial(0.0, v[:, j], dt=windows.period, joints=term.view.joints)
+            term.z = of_kind(term.effect, TorqueLaw).advance(term.z, x, **term.shape)
     blind, error = plant.bodies.motor[~windows.measured], np.full_like(windows.q[:, 1:], np.nan)
     diverged = np.zeros((len(windows.t), 1), dtype=bool)
     with np.errstate(all="ignore"):
@@ -200,15 +204,6 @@ def simulate_windows(model: Model, windows: Windows, integrator: str = "semi-imp
     error = np.where(np.abs(error) < MAX_POSITION_ERROR, error, np.inf)
     error[..., ~windows.measured] = np.nan
     return error
-
-
-def _remember(plant: Plant, windows: Windows) -> None:
-    """Advance the memories of laws along the motion before the windows."""
-    for term in plant.remembering:
-        j = list(term.view.joints)
-        for v in windows.before.swapaxes(0, 1):
-            x = Trial(0.0, v[:, j], dt=windows.period, joints=term.view.joints)
-            term.z = of_kind(term.effect, TorqueLaw).advance(term.z, x, **term.shape)
 
 
 def restrict_joints(model: Model, recordings: Sequence[Recording]) -> tuple[Model, tuple[str, ...]]:

@@ -9,17 +9,17 @@ import numpy as np
 import pinocchio as pin
 from numba import njit
 
-from ...effects.base import ActuatorLaw, BodyLaw, RecordingLaw, TransmissionLaw
-from ...errors import OptionError, shorten
-from ...model import Model, ModelSource, as_model, torque_model
-from ...recording import Recordings, as_recordings, need_torque
-from ...recording.sampling import samples, survey
-from ...regression.session import Part
-from ...robot import configuration
-from ...robot.dynamics import joint_inertia
-from ...types import Array, Indices, Recording, Result
-from ..plant.plant import apply_actuators
-from .run import MAX_ROLLOUT_STEP, Windows, restrict_joints, simulate_windows
+from ..effects.base import ActuatorLaw, BodyLaw, RecordingLaw, TransmissionLaw
+from ..errors import OptionError, shorten
+from ..model import Model, ModelSource, as_model, torque_model
+from ..recording import Recordings, as_recordings, need_torque
+from ..recording.sampling import samples, survey
+from ..regression.session import Part
+from ..robot import configuration
+from ..robot.dynamics import joint_inertia
+from ..types import Array, Indices, Recording, Result
+from .plant.plant import apply_actuators
+from .rollout import MAX_ROLLOUT_STEP, Windows, restrict_joints, simulate_windows
 
 (
     INERTIA,
@@ -66,7 +66,15 @@ def one_joint_numbers(model: Model) -> Array | None:
     shaped = [law.effect.name for law in laws if law.effect.name in SLOTS and SLOTS[law.effect.name][1]]
     if any(law.effect.name not in SLOTS for law in laws) or len(set(shaped)) < len(shaped):
         return None
-    out = _body_numbers(model)
+    bodies, out = model.bodies(), np.zeros(COUNT)
+    data, drive = bodies.createData(), robot.drive[:, 0]
+    at = configuration(robot, np.array([[0.0], [np.pi / 2], [np.pi], [-np.pi / 2]]))
+    out[INERTIA] = joint_inertia(replace(robot, model=bodies), pin.crba(bodies, data, at[0]))[0, 0]
+    weight = [float(pin.computeGeneralizedGravity(bodies, data, q) @ drive) for q in at]
+    if robot.prismatic[0]:
+        out[CONSTANT] = weight[0]
+    else:  # a wave of the angle
+        out[SINE], out[COSINE] = (weight[1] - weight[3]) / 2, (weight[0] - weight[2]) / 2
     out[SPEED] = 1.0
     for law in laws:
         places, shapes = SLOTS[law.effect.name]
@@ -74,20 +82,6 @@ def one_joint_numbers(model: Model) -> Array | None:
             out[list(slots)] += value
         for key, slot in shapes.items():
             out[slot] = law.parameters[key]
-    return out
-
-
-def _body_numbers(model: Model) -> Array:
-    """Numbers of the bodies: inertia, and gravity as a constant or a wave of the angle."""
-    bodies, out = model.bodies(), np.zeros(COUNT)
-    data, drive = bodies.createData(), model.robot.drive[:, 0]
-    at = configuration(model.robot, np.array([[0.0], [np.pi / 2], [np.pi], [-np.pi / 2]]))
-    out[INERTIA] = joint_inertia(replace(model.robot, model=bodies), pin.crba(bodies, data, at[0]))[0, 0]
-    torque = [float(pin.computeGeneralizedGravity(bodies, data, q) @ drive) for q in at]
-    if model.robot.prismatic[0]:
-        out[CONSTANT] = torque[0]
-    else:
-        out[SINE], out[COSINE] = (torque[1] - torque[3]) / 2, (torque[0] - torque[2]) / 2
     return out
 
 
@@ -181,13 +175,13 @@ def roll_out_whole(model: ModelSource, recordings: Recordings) -> WholeRollOut:
         RecordingError: a recording cannot be used.
     """
     model = torque_model(as_model(model, "roll_out_whole"))
-    each = as_recordings(recordings, model.robot, "roll_out_whole")
-    need_torque(each)
-    model, notes = restrict_joints(model, each)
-    check_whole(model, each)
+    read = as_recordings(recordings, model.robot, "roll_out_whole")
+    need_torque(read)
+    model, notes = restrict_joints(model, read)
+    check_whole(model, read)
     found = [
         (k, windows, position_errors(model, windows)[0])
-        for k, recording in enumerate(each)
+        for k, recording in enumerate(read)
         for windows in whole_windows(model, (recording, survey(recording, model.robot)))
     ]
     if not found:

@@ -8,19 +8,19 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from scipy.optimize import least_squares
 
-from ...deadline import seconds_left
-from ...effects import EFFECTS
-from ...effects.armature import Armature
-from ...effects.base import TorqueLaw
-from ...errors import InputError, OptionError, shorten
-from ...model import Model, ModelSource, as_model, torque_model
-from ...recording import Recordings, as_recordings, need_torque
-from ...recording.sampling import survey
-from ...regression.bandwidth import Band, choose_band
-from ...regression.session import Part, common_rate, longest_piece
-from ...types import Array, Frozen, Indices, Law, Result
-from ..rollout.run import Windows, cut_windows, restrict_joints
-from ..rollout.whole import check_whole, position_errors, whole_windows
+from ..deadline import seconds_left
+from ..effects import EFFECTS
+from ..effects.armature import Armature
+from ..effects.base import TorqueLaw
+from ..errors import InputError, OptionError, shorten
+from ..model import Model, ModelSource, as_model, torque_model
+from ..recording import Recordings, as_recordings, need_torque
+from ..recording.sampling import survey
+from ..regression.bandwidth import Band, choose_band
+from ..regression.session import Part, common_rate, longest_piece
+from ..types import Array, Frozen, Indices, Law, Result
+from .rollout import Windows, cut_windows, restrict_joints
+from .whole_rollout import check_whole, position_errors, whole_windows
 
 MIN_FACTOR = 0.05  # [1] smallest factor of the mass, and of a shape that must be positive
 # [1] of a number's size, differences of successive fits: errors are rough where a joint stops, and coarse steps see
@@ -136,8 +136,19 @@ def _fit_once(model: Model, windows: Sequence[Windows], scale: Array, step: floa
     start = coordinates_of(model)
     x0 = np.maximum(start.value, start.lower) / start.size
 
+    scales = np.broadcast_to(scale, (len(windows), scale.shape[-1]))
+    thin = max(1, sum(one.q.shape[0] * one.q.shape[1] for one in windows) // MAX_RESIDUALS)
+
     def residuals(x: Array) -> Array:
-        return _residuals(with_coordinates(model, x * start.size), windows, scale)
+        moved, parts = with_coordinates(model, x * start.size), []
+        for window, size in zip(windows, scales, strict=True):
+            try:
+                errors = position_errors(moved, window)
+            except InputError:  # numbers with which the model cannot be simulated
+                errors = np.full_like(window.q[:, 1:], np.inf)
+            measured = errors[:, ::-1][:, ::thin][..., window.measured] / size[window.measured]
+            parts.append(np.clip(np.where(np.isnan(measured), MAX_ERROR, measured), -MAX_ERROR, MAX_ERROR).ravel())
+        return np.concatenate(parts)
 
     def jacobian(x: Array) -> Array:
         here = residuals(x)
@@ -153,7 +164,7 @@ def _fit_once(model: Model, windows: Sequence[Windows], scale: Array, step: floa
 
 def window_rms(model: Model, windows: Sequence[Windows]) -> Array:
     """Root mean square (W, n) [rad or m] of the position error of each window; infinite where it diverges."""
-    return np.concatenate([np.sqrt(np.mean(position_errors(model, one) ** 2, axis=1)) for one in windows])
+    return np.concatenate([np.sqrt(np.mean(position_errors(model, window) ** 2, axis=1)) for window in windows])
 
 
 def subset(windows: Windows, rows: Indices) -> Windows:
@@ -161,20 +172,6 @@ def subset(windows: Windows, rows: Indices) -> Windows:
     each = {f.name for f in fields(windows)} & {"t", "q", "v", "torque", "before"}
     changed = {name: getattr(windows, name)[rows] for name in each}
     return replace(windows, **changed, flex=windows.flex[:, rows])
-
-
-def _residuals(model: Model, windows: Sequence[Windows], scale: Array) -> Array:
-    out, total = [], sum(one.q.shape[0] * one.q.shape[1] for one in windows)
-    scales = np.broadcast_to(scale, (len(windows), scale.shape[-1]))
-    for one, size in zip(windows, scales, strict=True):
-        try:
-            errors = position_errors(model, one)
-        except InputError:  # numbers with which the model cannot be simulated
-            errors = np.full_like(one.q[:, 1:], np.inf)
-        thin = max(1, total // MAX_RESIDUALS)
-        measured = errors[:, ::-1][:, ::thin][..., one.measured] / size[one.measured]
-        out.append(np.clip(np.where(np.isnan(measured), MAX_ERROR, measured), -MAX_ERROR, MAX_ERROR).ravel())
-    return np.concatenate(out)
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,7 +205,13 @@ def choose_laws(model: Model, windows: Sequence[Windows], scale: Array, candidat
     Raises:
         OptionError: a law is not among `LAWS`, or the robot has several joints.
     """
-    _check_laws(model, candidates)
+    if wrong := [name for name in candidates if name not in LAWS]:
+        raise OptionError(f"roll-outs cannot choose {shorten(wrong)}; the laws to choose from are {', '.join(LAWS)}")
+    if candidates and len(model.robot.joints) > 1:
+        raise OptionError(
+            f"roll-outs choose laws of robots with one joint, and {model.robot.name} has {len(model.robot.joints)}; "
+            f"signid diagnose names laws of the others"
+        )
     chosen, others, left = cross_validate(model, windows, scale), list[LawTrial](), list(candidates)
     while left:
         found = {name: _best_addition(chosen.model, name, windows, scale) for name in left}
@@ -232,10 +235,8 @@ def cross_validate(model: Model, windows: Sequence[Windows], scale: Array) -> La
         windows: of all recordings.
         scale: (n,) [rad or m] size of the errors of each joint, as weights.
     """
-    errors = list[Array]()
+    errors = [np.full((len(w.t), w.q.shape[2]), np.inf) for w in windows]
     folds = [np.minimum(np.arange(len(w.t)) * FOLD_BLOCKS // len(w.t), FOLD_BLOCKS - 1) % FOLD_COUNT for w in windows]
-    for w in windows:
-        errors.append(np.full((len(w.t), w.q.shape[2]), np.inf))
     fitted = fit_windows(model, windows, scale)
     for k in range(FOLD_COUNT):
         learn = [subset(w, np.flatnonzero(f != k)) for w, f in zip(windows, folds, strict=True) if (f != k).any()]
@@ -263,8 +264,8 @@ def is_better(errors: Array, before: Array) -> bool:
 
 def _best_addition(model: Model, name: str, windows: Sequence[Windows], scale: Array) -> LawTrial | None:
     """The best trial of a law beside the others, over its start values; None where nothing changes friction."""
-    effect, own = EFFECTS[name], {law.effect.name for law in model.laws}
-    if name in own or (effect.changes and not own & set(effect.changes)):
+    effect, known = EFFECTS[name], {law.effect.name for law in model.laws}
+    if name in known or (effect.changes and not known & set(effect.changes)):
         return None
     starts = [fit_windows(start, windows, scale, *FIRST_FIT_STEPS) for start in _law_starts(model, name, windows)]
     cost = [float(np.mean(window_rms(start, windows) ** 2)) for start in starts]
@@ -274,7 +275,8 @@ def _best_addition(model: Model, name: str, windows: Sequence[Windows], scale: A
 def _law_starts(model: Model, name: str, windows: Sequence[Windows]) -> Iterator[Model]:
     """Models with a law of some start values; a law replaces those that it contains."""
     effect = EFFECTS[name]
-    torque, speed = (_rms([getattr(w, key) for w in windows]) for key in ("torque", "v"))
+    signals = (np.concatenate([getattr(w, key).ravel() for w in windows]) for key in ("torque", "v"))
+    torque, speed = (float(np.sqrt(np.mean(signal**2))) for signal in signals)
     travel = float(np.ptp(np.concatenate([w.q.ravel() for w in windows])))
     per = {"N.m": 1.0, "N.m.s/rad": speed, "N.m.s2/rad2": speed**2, "N.m/rad": travel}
     linear, inside = effect.linear(), [law for law in model.laws if law.effect.name in effect.contains]
@@ -290,22 +292,6 @@ def _law_starts(model: Model, name: str, windows: Sequence[Windows]) -> Iterator
         shape = dict(zip(keys, map(float, values), strict=True))
         law = Law(effect, (0,), effect.physical(list(seeds.values()), shape))
         yield Model(model.robot, model.inertials, (*rest, law))
-
-
-def _rms(signals: Sequence[Array]) -> float:
-    return float(np.sqrt(np.mean(np.concatenate([x.ravel() for x in signals]) ** 2)))
-
-
-def _check_laws(model: Model, candidates: Sequence[str]) -> None:
-    if not candidates:
-        return
-    if wrong := [name for name in candidates if name not in LAWS]:
-        raise OptionError(f"roll-outs cannot choose {shorten(wrong)}; the laws to choose from are {', '.join(LAWS)}")
-    if len(model.robot.joints) > 1:
-        raise OptionError(
-            f"roll-outs choose laws of robots with one joint, and {model.robot.name} has {len(model.robot.joints)}; "
-            f"signid diagnose names laws of the others"
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -325,9 +311,8 @@ class Refinement(Result):
     @property
     def sentence(self) -> str:
         """Sentence on the errors before and after, and on which numbers are kept."""
-        errors = ", ".join(
-            f"{b:.3g} to {a:.3g} {u}" for b, a, u in zip(self.before, self.after, self.unit, strict=True)
-        )
+        rows = zip(self.before, self.after, self.unit, strict=True)
+        errors = ", ".join(f"{before:.3g} to {after:.3g} {unit}" for before, after, unit in rows)
         span = " and ".join(f"{length:g}" for length in self.lengths)
         if self.kept:
             return f"refined by roll-outs of {span} s: median error of windows that were not fitted {errors}"
@@ -335,15 +320,6 @@ class Refinement(Result):
             f"roll-outs of {span} s did not improve the model (median error of windows that were not fitted "
             f"{errors}), so its numbers are kept"
         )
-
-
-@dataclass(frozen=True, eq=False)
-class _Split(Frozen):
-    """Windows to learn from and to judge by; the latter are the former where nothing is held out."""
-
-    train: tuple[Windows, ...]
-    held_out: tuple[Windows, ...]
-    scale: Array  # (n,) [rad or m]
 
 
 def refine(
@@ -401,32 +377,26 @@ def refine_parts(
     lengths = tuple(lengths) or (ONE_JOINT_LENGTHS if len(model.robot.joints) == 1 else JOINTS_LENGTHS)
     if wrong := [length for length in lengths if not (np.isfinite(length) and length > 0)]:
         raise OptionError(f"windows of {wrong[0]:g} s cannot be simulated; give a length above 0 s")
-    data = _cut(model, train, held_out, band, lengths)
-    trials = choose_laws(model, data.train, data.scale, candidates) if candidates else []
-    fitted = trials[-1].model if trials else fit_windows(model, data.train, data.scale)
-    ended, whole = _fit_whole(fitted, train, data.train)
-    before = window_rms(model, data.held_out)
-    if held_out:
-        after = window_rms(ended, data.held_out)
-    else:
-        after = (trials[-1] if trials else cross_validate(model, data.train, data.scale)).errors
-    first, last = (np.asarray(np.median(errors, axis=0)) for errors in (before, after))
-    kept = bool((last <= first).all() and (last < first).any())  # no joint is predicted worse, and one better
-    unit = tuple("m" if prismatic else "rad" for prismatic in model.robot.prismatic)
-    return Refinement(ended if kept else model, kept, lengths, whole and kept, unit, first, last, tuple(trials))
 
-
-def _cut(model: Model, train: Sequence[Part], held_out: Sequence[Part], band: Band, lengths: Sequence[float]) -> _Split:
-    """Windows that overlap by half, torque held from each sample to the next."""
-
-    def cut(part: Part, length: float) -> Windows:
+    def cut(part: Part, length: float) -> Windows:  # they overlap by half; torque is held from each sample to the next
         count = int(np.clip(2 * part[1].duration / length, 1, MAX_REFINEMENT_WINDOWS))
         return cut_windows(model, part, band, length, count, MAX_REFINEMENT_STEP, held=True)
 
     learned, judged = (tuple(cut(part, length) for part in parts for length in lengths) for parts in (train, held_out))
-    errors = np.median(window_rms(model, learned), axis=0)
-    motion = _motion_std(learned)
-    return _Split(learned, judged or learned, np.where(errors > 0, np.minimum(errors, motion), motion))
+    errors, motion = np.median(window_rms(model, learned), axis=0), _motion_std(learned)
+    scale = np.where(errors > 0, np.minimum(errors, motion), motion)
+    trials = choose_laws(model, learned, scale, candidates) if candidates else []
+    fitted = trials[-1].model if trials else fit_windows(model, learned, scale)
+    ended, whole = _fit_whole(fitted, train, learned)
+    before = window_rms(model, judged or learned)
+    if judged:
+        after = window_rms(ended, judged)
+    else:
+        after = (trials[-1] if trials else cross_validate(model, learned, scale)).errors
+    first, last = (np.asarray(np.median(errors, axis=0)) for errors in (before, after))
+    kept = bool((last <= first).all() and (last < first).any())  # no joint is predicted worse, and one better
+    unit = tuple("m" if prismatic else "rad" for prismatic in model.robot.prismatic)
+    return Refinement(ended if kept else model, kept, lengths, whole and kept, unit, first, last, tuple(trials))
 
 
 def _motion_std(windows: Sequence[Windows]) -> Array:
@@ -446,11 +416,11 @@ def _fit_whole(model: Model, train: Sequence[Part], windows: Sequence[Windows]) 
         check_whole(model, [recording for recording, _ in train])
     except InputError:
         return model, False
-    runs = [one for part in train for one in whole_windows(model, part)]
+    runs = [window for part in train for window in whole_windows(model, part)]
     if not runs or not (window_rms(model, runs) < MAX_RELATIVE_ERROR * _motion_std(runs)).all():
         return model, False
     together = [*windows, *runs]
-    errors = np.array([np.sqrt(np.mean(window_rms(model, [one]) ** 2, axis=0)) for one in together])
-    size = np.array([one.q.shape[0] * one.q.shape[1] for one in together])
+    errors = np.array([np.sqrt(np.mean(window_rms(model, [window]) ** 2, axis=0)) for window in together])
+    size = np.array([window.q.shape[0] * window.q.shape[1] for window in together])
     scale = np.where(errors > 0, errors, 1.0) * np.sqrt(size / size.sum())[:, None]
     return fit_windows(model, together, scale), True

@@ -12,25 +12,25 @@ import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
-from ...diagnose import Diagnosis, Finding, diagnose
-from ...effects import EFFECTS
-from ...effects.naming import law_name, law_place
-from ...errors import readable
-from ...model import Model, stated_inertials, stated_laws
-from ...output.replay import Replay, replay
-from ...output.report import figure, with_interval
-from ...output.report.documents import fit_with_errors, provenance
-from ...output.report.layout import confidence, heading, new_table
-from ...output.report.quantities import law_numbers
-from ...recording import read_recording
-from ...recording.formats import find_format
-from ...regression.motion import Motion
-from ...regression.session import Options
-from ...robot import hold, resting
-from ...robot.dynamics import joint_of_row, own_row
-from ...simulation.excite import build_limits, excite
-from ...simulation.plant import Sensors, record, simulate, track
-from ...types import Array, Frozen, Indices, Input, Law, Progress, Robot, Trajectory
+from ..diagnose import Diagnosis, Finding, diagnose
+from ..effects import EFFECTS
+from ..effects.naming import law_name, law_place
+from ..errors import readable
+from ..model import Model, stated_inertials, stated_laws
+from ..output.replay import Replay, replay
+from ..output.report import figure, with_interval
+from ..output.report.documents import fit_with_errors, provenance
+from ..output.report.layout import confidence, heading, new_table
+from ..output.report.quantities import law_numbers
+from ..recording import read_recording
+from ..recording.formats import find_format
+from ..regression.motion import Motion
+from ..regression.session import Options
+from ..robot import hold, resting
+from ..robot.dynamics import joint_of_row, own_row
+from ..simulation.excite import build_limits, excite
+from ..simulation.plant import Sensors, record, simulate, track
+from ..types import Array, Frozen, Indices, Input, Law, Progress, Robot, Trajectory
 
 RECORDINGS = ("recording.csv", "held_out.csv")  # training data, held-out data
 PERIOD, PERIODS, HARMONICS = 8.0, 2, 8  # period of a motion [s], number of periods, harmonics
@@ -180,20 +180,10 @@ def _outcome(law: Law, result: Diagnosis) -> LawOutcome:
     """The finding of the law, else the first one with the law as an alternative."""
     found = [(FOUND_LAW if x.role == "cause" else MINOR_LAW, x, x.law, x.probability) for x in result.findings]
     found += [(RIVAL_LAW, x, rival.law, rival.probability) for x in result.findings for rival in x.alternatives]
-    for kind, finding, own, probability in found:
-        if (own.effect.name, own.joints) == (law.effect.name, law.joints):
+    for kind, finding, named, probability in found:
+        if (named.effect.name, named.joints) == (law.effect.name, law.joints):
             return LawOutcome(law, kind, finding, probability)
     return LawOutcome(law, MISSED_LAW, None, 0.0)
-
-
-class _Scene(NamedTuple):
-    """The simulation along a motion: torque (N, n), its standard deviation (n,) [N.m or N], and the strong joints."""
-
-    known: Model
-    motion: Motion
-    torque: Array
-    scale: Array
-    strong: Indices  # joints
 
 
 def conceal(known: Model, motion: Motion, seed: int) -> tuple[Law, ...]:
@@ -203,44 +193,41 @@ def conceal(known: Model, motion: Motion, seed: int) -> tuple[Law, ...]:
     """
     torque, rng = known.inverse(motion), np.random.default_rng(seed)
     scale, kind = np.std(torque, axis=0), known.robot.prismatic
-    largest = np.array([np.max(scale[kind == own]) for own in kind])  # of the joints of the same kind
-    scene = _Scene(known, motion, torque, scale, np.flatnonzero(scale >= MIN_TORQUE_SHARE * largest))
-    possible = [names for names in EFFECT_SETS if all(_law_joints(scene, name) for name in names)]
+    largest = np.array([np.max(scale[kind == slides]) for slides in kind])  # of the joints of the same kind
+    strong = np.flatnonzero(scale >= MIN_TORQUE_SHARE * largest)
+    possible = [names for names in EFFECT_SETS if all(_law_joints(known, strong, name) for name in names)]
     laws: list[Law] = []
     for name in possible[seed % len(possible)]:
-        taken, places = [law.joints for law in laws], _law_joints(scene, name)
-        joints = rng.choice([place for place in places if place not in taken] or places)
-        laws.append(_scaled_law(scene, name, tuple(joints.tolist()), rng))
+        taken, places, effect = [law.joints for law in laws], _law_joints(known, strong, name), EFFECTS[name]
+        joints = tuple(rng.choice([place for place in places if place not in taken] or places).tolist())
+        unscaled = _unscaled(known, motion, name, joints, rng)
+        unit = Law(effect, joints, unscaled)
+        added = Model(known.robot, known.inertials, (*known.laws, unit)).inverse(motion) - torque
+        size = np.max(np.std(added[:, strong], axis=0) / scale[strong])  # at the joint most affected
+        factor = rng.uniform(*PAYLOAD_TORQUE_RANGE if name == "payload" else LAW_TORQUE_RANGE) / size
+        factor = min(factor, MAX_TILT / UNIT_TILT) if name == "base_tilt" else factor
+        numbers = {key: x if key == "rest" else factor * x for key, x in unscaled.items()}
+        laws.append(Law(effect, joints, {key: float(f"{x:.{CONCEALED_DIGITS}g}") for key, x in numbers.items()}))
     return tuple(laws)
 
 
-def _law_joints(scene: _Scene, name: str) -> list[tuple[int, ...]]:
+def _law_joints(model: Model, strong: Indices, name: str) -> list[tuple[int, ...]]:
     """Joints where a law is possible and not yet stated by the simulation."""
-    effect, n = EFFECTS[name], len(scene.scale)
+    effect, n = EFFECTS[name], len(model.robot.joints)
     if effect.scope in ("robot", "tip"):
         return [tuple(range(n)) if effect.scope == "robot" else (n - 1,)] if n >= MIN_BODY_LAW_JOINTS else []
-    known = [law.joints for law in scene.known.laws if law.effect.name == name and any(law.parameters.values())]
+    known = [law.joints for law in model.laws if law.effect.name == name and any(law.parameters.values())]
     first = int(name == "armature")  # at the first joint it is equivalent to link inertia
-    return [(j,) for j in scene.strong.tolist() if (j,) not in known and j >= first]
+    return [(j,) for j in strong.tolist() if (j,) not in known and j >= first]
 
 
-def _scaled_law(scene: _Scene, name: str, joints: tuple[int, ...], rng: np.random.Generator) -> Law:
-    """A law whose torque is a random share of the torque of the joint most affected."""
-    known, effect, shape = scene.known, EFFECTS[name], _unscaled(scene, name, joints, rng)
-    unit = Law(effect, joints, shape)
-    added = Model(known.robot, known.inertials, (*known.laws, unit)).inverse(scene.motion) - scene.torque
-    size = np.max(np.std(added[:, scene.strong], axis=0) / scene.scale[scene.strong])
-    factor = rng.uniform(*PAYLOAD_TORQUE_RANGE if name == "payload" else LAW_TORQUE_RANGE) / size
-    factor = min(factor, MAX_TILT / UNIT_TILT) if name == "base_tilt" else factor
-    numbers = {key: x if key == "rest" else factor * x for key, x in shape.items()}
-    return Law(effect, joints, {key: float(f"{x:.{CONCEALED_DIGITS}g}") for key, x in numbers.items()})
-
-
-def _unscaled(scene: _Scene, name: str, joints: tuple[int, ...], rng: np.random.Generator) -> Mapping[str, float]:
+def _unscaled(
+    model: Model, motion: Motion, name: str, joints: tuple[int, ...], rng: np.random.Generator
+) -> Mapping[str, float]:
     """Parameters of a law, before scaling."""
     if name == "payload":
-        known, body = scene.known.robot, joint_of_row(scene.known.robot.model, own_row(scene.known.robot, joints[0]))
-        ends: list[Array] = [one.placement.translation for one in known.model.frames if one.parentJoint == body]
+        robot, body = model.robot, joint_of_row(model.robot.model, own_row(model.robot, joints[0]))
+        ends: list[Array] = [frame.placement.translation for frame in robot.model.frames if frame.parentJoint == body]
         furthest = ends[int(np.argmax(np.linalg.norm(ends, axis=1)))]
         centre = zip("xyz", furthest, strict=True)
         return {"mass": 1.0, **{f"first_moment_{axis}": float(x) for axis, x in centre}}
@@ -248,7 +235,7 @@ def _unscaled(scene: _Scene, name: str, joints: tuple[int, ...], rng: np.random.
         way = rng.uniform(0, 2 * np.pi)
         return {"x": UNIT_TILT * np.cos(way), "y": UNIT_TILT * np.sin(way)}
     if name == "spring":
-        middle = float(np.mean(scene.motion.q[:, joints[0]]))
+        middle = float(np.mean(motion.q[:, joints[0]]))
         return {"stiffness": 1.0, "rest": middle + rng.uniform(-MAX_REST_OFFSET, MAX_REST_OFFSET)}
     return dict.fromkeys(EFFECTS[name].parameters, 1.0)
 
