@@ -16,13 +16,13 @@ from ...robot.joints import name_pattern, similar_joints
 from ...servos import PASSIVE_LAWS, SERVO_NUMBERS, SUM_PARTS, Servo, ServoGrid
 from ...types import Array, Robot
 from ..fit import ServoFit, fit_servos, start_limits
-from ..given import OWN, Assumptions
+from ..given import OWN
 from ..plant.course import recorded_course
 from ..plant.roll_out import roll_out_along
-from ..search.choice import SHORT_WINDOW, Candidate
+from ..search.choice import SHORT_WINDOW, Candidate, ServoTrial
 from ..search.data import ServoData, loop_error, position_noise
 from ..search.laws import LIMIT_RESIDUAL_RATIO, STEPS, largest_torques, limited
-from ..search.searcher import Chosen, ServoOptions
+from ..search.problem import Estimates, ServoProblem
 from .facts import demand, joint_facts
 from .fits import block, closed_loops, nominal_servos, number_at_bound, number_std
 from .flags import (
@@ -50,22 +50,6 @@ MIN_LIMIT_RATIO = 0.9  # [1] limit of held-out rows over the bound of the traini
 EQUAL_PROBABILITY = 0.05  # of such differences among equal joints, over all numbers, from which --equal is proposed
 DIFFERENT = 0.01  # the same, below which the number that differs is named
 REQUIRED_NUMBER = "kp"  # number that at least two joints must have
-Estimates = Mapping[str, tuple[float, float]]  # value and standard deviation by number [SERVO_UNITS]
-
-
-@dataclass(frozen=True)
-class Known:
-    """Knowledge before the fit."""
-
-    scale: str  # "masses", "kp" or "nothing"
-    stated: Stated  # by the actuators file
-    fixed: Stated  # of these, what the fit keeps
-    laws: Mapping[str, str]  # stated laws by joint
-    tied: Mapping[str, float]  # error of full duty [rad or m] by joint, from the recorded PWM
-    sets: Sequence[Sequence[str]]  # connected joints
-    timing: Mapping[str, float]  # time [s] by which the delay of a joint may be longer, as commands change between rows
-    assumptions: Assumptions
-    own: Mapping[str, Estimates]  # of joints that are fitted as equal: numbers without that assumption
 
 
 @dataclass(frozen=True)
@@ -79,75 +63,73 @@ class JudgedFit:
     rollout: ServoRollOut
     traces: tuple[ServoTrace, ...]
     refit: bool = False  # whether `data` and `fit` contain the held-out rows
+    notes: tuple[str, ...] = ()  # why they do not
 
 
-def judge(models: tuple[Model, Model], data: ServoData, fit: ServoFit, known: Known) -> JudgedFit:
-    """Errors of a fit on held-out rows. models: as described, and with the masses that were used."""
-    described, model = models
+def judge(problem: ServoProblem, fit: ServoFit) -> JudgedFit:
+    """Errors of a fit on held-out rows."""
+    model, data = problem.model, problem.data
     unseen = data.held_out is not data.train
-    facts = facts_of(model, data, fit, known)
+    facts = facts_of(problem, fit)
     errors = held_out_errors(model, data, fit.servos) if unseen else {}
     facts = compared(model, data, fit.servos, facts, errors) if unseen else facts
-    nominal = nominal_servos(model.robot, fit.servos, known.stated)
-    beside = (described, nominal) if nominal else None
+    nominal = nominal_servos(model.robot, fit.servos, problem.assumptions.stated)
+    beside = (problem.described, nominal) if nominal else None
     rolled, traces = closed_loops(model, fit.servos, data.held_out, unseen, beside)
     return JudgedFit(data, fit, facts, errors, rolled, traces)
 
 
-def facts_of(model: Model, data: ServoData, fit: ServoFit, known: Known) -> dict[str, JointFacts]:
+def facts_of(problem: ServoProblem, fit: ServoFit) -> dict[str, JointFacts]:
     """Facts of the rows of a fit, by joint."""
+    data, assumed = problem.data, problem.assumptions
     saturated = {joint: float(fit.saturated_share[data.joints.index(joint)]) for joint in fit.servos}
+    facts = joint_facts(problem.model, data, fit.servos, saturated, assumed.fixed, assumed.scale != "nothing")
     return {
         joint: replace(
             fact,
-            full_duty_error=known.tied.get(joint, 0.0),
-            command_timing=known.timing.get(joint, 0.0),
-            priors={name: x for (one, name), x in known.assumptions.priors.items() if one == joint},
-            bounds={name: x for (one, name), x in known.assumptions.bounds.items() if one == joint},
-            masses_set_scale=(of_masses := fact.masses_set_scale and (joint, "kp") not in known.assumptions.priors),
-            masses_error=known.assumptions.masses_error * of_masses,
+            full_duty_error=problem.full_duty.get(joint, 0.0),
+            command_timing=problem.command_timing.get(joint, 0.0),
+            priors={name: x for (one, name), x in assumed.priors.items() if one == joint},
+            bounds={name: x for (one, name), x in assumed.bounds.items() if one == joint},
+            masses_set_scale=(of_masses := fact.masses_set_scale and (joint, "kp") not in assumed.priors),
+            masses_error=assumed.masses_error * of_masses,
             at_bound=frozenset(number_at_bound(fit, joint)),
             unexplained=float(fit.residual_rms[data.joints.index(joint)]) / max(loop_error(data, joint), 1e-12),
         )
-        for joint, fact in joint_facts(
-            model, data, fit.servos, saturated, known.fixed, known.scale != "nothing"
-        ).items()
+        for joint, fact in facts.items()
     }
 
 
-def conclude(
-    models: tuple[Model, Model],
-    judged: JudgedFit,
-    chosen: Chosen,
-    known: Known,
-    remarks: Sequence[str],
-    options: ServoOptions,
-) -> ServoIdentification:
-    """Result of a fit. models: as described, and with the masses that were used; remarks: flags of earlier steps."""
-    described, model = models
+def conclude(problem: ServoProblem, judged: JudgedFit, trial: ServoTrial) -> ServoIdentification:
+    """Result of a judged fit of the laws that a trial chose."""
+    described, model, assumed = problem.described, problem.model, problem.assumptions
     data, fit, facts, rolled = judged.data, judged.fit, judged.facts, judged.rollout
-    joints = tuple(_joint(joint, fit, chosen, facts[joint], known.assumptions) for joint in fit.servos)
-    robot, added = model.robot, list(remarks)
-    servos = _mark(fit.servos, joints, known.stated, robot)
+    joints = tuple(_joint(joint, fit, trial, facts[joint]) for joint in fit.servos)
+    robot, added = model.robot, list(problem.flags)
+    servos = _mark(fit.servos, joints, assumed.stated, robot)
     if worse_than_stated(rolled):
-        servos = nominal_servos(robot, fit.servos, known.stated)
+        servos = nominal_servos(robot, fit.servos, assumed.stated)
         model, added = described, [*added, worse_flag(rolled)]
     limited = [joint for joint, fact in facts.items() if fact.saturated_share >= RARE]
-    gains = {joint: of["kp"] for joint, of in known.stated.items() if "kp" in of}
+    gains = {joint: of["kp"] for joint, of in assumed.stated.items() if "kp" in of}
     std = {one.joint: s for one in joints if _has(one, "kp") and (s := number_std(fit, "kp").get(one.joint))}
-    implied = known.sets, fit.servos, std, gains
-    other = alternatives(*implied) if known.scale == "masses" else ()
-    heavier = [x for _, x, _ in implied_ratios(*implied)] if known.scale == "masses" else mass_ratios(*models)
-    scale = replace(known_scale(known.scale, gains, other), mass_ratios=tuple(heavier), gain=gain_text(gains.values()))
-    added += [scale.sentence] if known.scale == "nothing" else []
+    implied = problem.sets, fit.servos, std, gains
+    other = alternatives(*implied) if assumed.scale == "masses" else ()
+    heavier = mass_ratios(described, problem.model)
+    if assumed.scale == "masses":
+        heavier = [ratio for _, ratio, _ in implied_ratios(*implied)]
+    scale = replace(
+        known_scale(assumed.scale, gains, other), mass_ratios=tuple(heavier), gain=gain_text(gains.values())
+    )
+    added += [scale.sentence] if assumed.scale == "nothing" else []
     added += far_flags(judged.errors)
-    added += unequal_flags(_identified(known.own, joints), known.assumptions.equal)
+    added += unequal_flags(_identified(problem.unequal, joints), assumed.equal)
     unsure = [joint for joint, fact in facts.items() if fact.held_out_torque > 0]
-    notes = (*joint_notes(joints), *law_notes(joints, known.laws, [*limited, *unsure]), *prior_notes(joints))
-    notes = (*notes, *assumption_notes(known.assumptions, fit.free))
+    notes = (*joint_notes(joints), *law_notes(joints, assumed.laws, [*limited, *unsure]), *prior_notes(joints))
+    notes = (*notes, *assumption_notes(assumed, fit.free))
     noise = (replace(fact, masses_error=0.0) for fact in facts.values())  # equal joints share the error of the masses
-    apart = {one.joint: _estimates(_joint(one.joint, fit, chosen, one, known.assumptions)) for one in noise}
-    notes = (*notes, *equal_hints(apart, known.assumptions.equal))
+    apart = {one.joint: _estimates(_joint(one.joint, fit, trial, one)) for one in noise}
+    notes = (*notes, *equal_hints(apart, assumed.equal))
     varies = tuple(varying_drives(joints, fit))
     return ServoIdentification(
         robot=robot,
@@ -159,10 +141,10 @@ def conclude(
         traces=judged.traces,
         inputs=data.inputs,
         flags=_flags(added, joints, fit, data, rolled, limited),
-        notes=(*model.robot.notes, *notes, *duty_notes(known.tied), *fit.notes, *varying_sentence(varies)),
-        seed=options.seed,
+        notes=(*model.robot.notes, *notes, *duty_notes(problem.full_duty), *fit.notes, *varying_sentence(varies)),
+        seed=problem.options.seed,
         refit=judged.refit,
-        start=replace(chosen.candidate, window=chosen.candidate.window or options.window),
+        start=replace(trial.candidate, window=trial.candidate.window or problem.options.window),
         far=tuple(joint for joint, error in judged.errors.items() if error.far),
         varies=varies,
     )
@@ -227,11 +209,11 @@ def _has(one: ServoJoint, name: str) -> bool:
     return name in one.numbers and one.numbers[name].value is not None
 
 
-def _joint(joint: str, fit: ServoFit, chosen: Chosen, facts: JointFacts, assumptions: Assumptions) -> ServoJoint:
+def _joint(joint: str, fit: ServoFit, trial: ServoTrial, facts: JointFacts) -> ServoJoint:
     names, covariance = block(fit, joint)
     servo = fit.servos[joint]
     numbers, lost = joint_numbers(servo, names, covariance, facts)
-    laws = dict(chosen.laws.get(joint, {}))
+    laws = dict(trial.laws.get(joint, {}))
     return ServoJoint(
         joint=joint,
         law=servo.law,
@@ -241,7 +223,7 @@ def _joint(joint: str, fit: ServoFit, chosen: Chosen, facts: JointFacts, assumpt
         saturated_share=facts.saturated_share,
         known_load_share=facts.known_load_share,
         not_identifiable=lost,
-        equal=tuple(other for other in assumptions.peers(joint) if other != joint),
+        equal=tuple(other for other in trial.candidate.assumptions.peers(joint) if other != joint),
     )
 
 

@@ -13,10 +13,11 @@ from ...parameters import Array
 from ...servos import SERVO_NUMBERS, Servo, ServoGrid
 from ...types import Robot
 from ..fit import ServoFit, fit_servos
+from ..given import Assumptions
 from ..plant import roll_out
 from ..search.choice import Candidate, fit_candidate
 from ..search.data import ServoData
-from ..search.searcher import ServoOptions
+from ..search.problem import Estimates, ServoProblem
 from .result import ServoRollOut, ServoTrace
 from .scale import Stated, first_candidate, implied_ratios, scaled_masses, stated_drive
 
@@ -26,9 +27,9 @@ DIVERGED_ERROR = 1e3  # error from which on a simulation counts as diverged [rad
 STATED, IDEAL = "stated numbers", "q = q_des"
 
 
-def final_fit(model: Model, data: ServoData, candidate: Candidate, options: ServoOptions) -> ServoFit:
+def final_fit(problem: ServoProblem, data: ServoData, candidate: Candidate) -> ServoFit:
     """Fit to all training data, about the simulated motion in the end."""
-    candidate, fit = fit_candidate(model, data.train, candidate, options.window, relinearise=True)
+    candidate, fit = fit_candidate(problem.model, data.train, candidate, problem.options.window, relinearise=True)
     return replace(fit, servos=candidate.servos)
 
 
@@ -39,42 +40,36 @@ def number_std(fit: ServoFit, name: str) -> dict[str, float]:
     return {joint: float(s) for (_, number), joints, s in each if number == name for joint in joints}
 
 
-def weigh_bodies(
-    model: Model,
-    data: ServoData,
-    started: Mapping[str, Servo],
-    stated: Stated,
-    sets: Sequence[Sequence[str]],
-    options: ServoOptions,
-) -> tuple[Model, tuple[str, ...]]:
-    """Model whose bodies have the weight that stated gains imply, and a sentence on each part that changes."""
-    free_gains = {joint: {key: x for key, x in of.items() if key != "kp"} for joint, of in stated.items()}
-    start = first_candidate(model.robot, data, started, free_gains, {})
-    fit = fit_servos(model, data.train, start.servos, start.free, window=options.window)
+def weigh_bodies(problem: ServoProblem) -> ServoProblem:
+    """Problem whose bodies have the weight that gains imply if these set the scale, and a flag on each that changes."""
+    if problem.assumptions.scale != "kp":
+        return problem
+    problem.say("weighing bodies", 0.05)
+    model, rows, stated = problem.model, problem.searched, problem.assumptions.stated
+    start = first_candidate(model.robot, rows, problem.regressed, Assumptions(stated=stated))
+    fit = fit_servos(model, rows.train, start.servos, start.free, window=problem.options.window)
     gains = {joint: of["kp"] for joint, of in stated.items() if "kp" in of}
     said = []
-    for members, ratio, error in implied_ratios(sets, fit.servos, number_std(fit, "kp"), gains):
+    for members, ratio, error in implied_ratios(problem.sets, fit.servos, number_std(fit, "kp"), gains):
         model = scaled_masses(model, members, ratio)
         said.append(
             f"with the stated kp, the part that {shorten(list(members))} move is {ratio:.2f} +- {1.96 * error:.2f} "
             f"times as heavy as the description says, and the model has these masses; --known masses if the "
             f"description is right"
         )
-    return model, tuple(said)
+    return replace(problem, model=model, flags=(*problem.flags, *said))
 
 
-def own_numbers(
-    model: Model, data: ServoData, fit: ServoFit, candidate: Candidate, options: ServoOptions
-) -> dict[str, dict[str, tuple[float, float]]]:
+def own_numbers(problem: ServoProblem, fit: ServoFit, candidate: Candidate) -> dict[str, Estimates]:
     """Numbers of equal joints with their standard deviations, fitted again without that assumption; empty if none."""
     if not candidate.assumptions.equal:
         return {}
     alone = fit_servos(
-        model,
-        data.train,
+        problem.model,
+        problem.searched.train,
         fit.servos,
         fit.free,
-        window=candidate.window or options.window,
+        window=candidate.window or problem.options.window,
         relinearise=False,
         iterations=MAX_OWN_ITERATIONS,
         scales=False,

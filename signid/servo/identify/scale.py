@@ -180,14 +180,12 @@ def first_candidate(
     robot: Robot,
     data: ServoData,
     servos: Mapping[str, Servo],
-    stated: Stated,
-    laws: Mapping[str, str],
-    assumptions: Assumptions = Assumptions(),  # noqa: B008
+    assumptions: Assumptions,
 ) -> Candidate:
     """Drives to start from, with stated numbers and means of priors, and the numbers that are free with every law."""
-    started, free = {}, list[tuple[str, str]]()
+    started, free, fixed = {}, list[tuple[str, str]](), assumptions.fixed
     for joint, servo in servos.items():
-        numbers, nominal = stated.get(joint, {}), stated_drive(robot, joint)
+        numbers, nominal = fixed.get(joint, {}), stated_drive(robot, joint)
         means = {name: prior.mean for (one, name), prior in assumptions.priors.items() if one == joint}
         if "kp" in numbers and servo.kp > 0:
             scale = numbers["kp"] / servo.kp
@@ -195,7 +193,7 @@ def first_candidate(
         if "kd" in numbers:
             servo = servo.with_(viscous_friction=max(servo.kd - numbers["kd"], 0.05 * servo.kd))
         servo = servo.with_(kd=max(servo.kd, LEAST_LAG * servo.kp), armature=max(servo.armature, LEAST_WAVE * servo.kp))
-        law = laws.get(joint, DRIVE_LAWS[0])
+        law = assumptions.laws.get(joint, DRIVE_LAWS[0])
         servo = replace(servo, law=law, kd_on=nominal.kd_on, kp_register=nominal.kp_register).with_(
             **{"effort_limit": np.inf, "speed_limit": np.inf, **numbers, **means}
         )

@@ -22,7 +22,7 @@ SCORE_TOLERANCE = 0.05  # log rms; closer scores count as equal
 PRIOR = {"torque_speed": 0.25}  # share of a law among equal ones; it contains `effort`
 GAIN = 0.01  # log rms that an additional number must save on windows that took no part
 SAVING_ERRORS = 2.0  # standard errors of that saving
-LOUDER = 1.02  # ratio by which the rms over all these windows may grow
+MAX_RMS_GROWTH = 1.02  # ratio by which the rms over all these windows may grow
 FLOOR = 1e-6  # [rad or m] rms below which windows are equally good
 WINDOW = 1.0  # [s] of the scores
 STEPS, REFIT = 15, 3  # most iterations on all training data, and from there without a fold
@@ -87,20 +87,21 @@ class ServoTrial:
     candidate: Candidate  # with the fitted drives
     residual: Mapping[str, float]  # rms on windows of the training data [rad or m], by joint
     scores: Mapping[str, Array] = field(default_factory=dict)  # (W,) [1] log rms of unused windows, by joint
+    laws: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  # probabilities, by joint
 
     def only(self, joints: Collection[str]) -> ServoTrial:
         """The same for some joints."""
         residual = {joint: x for joint, x in self.residual.items() if joint in joints}
         scores = {joint: x for joint, x in self.scores.items() if joint in joints}
-        return ServoTrial(self.candidate.only(joints), residual, scores)
+        return replace(self, candidate=self.candidate.only(joints), residual=residual, scores=scores)
 
     def with_joints(self, other: ServoTrial) -> ServoTrial:
         """With some joints of another trial."""
         new = other.candidate
         rest = tuple(name for name in self.candidate.free if name[0] not in new.servos)
         candidate = replace(self.candidate, free=rest, window=max(self.candidate.window, new.window))
-        candidate = candidate.changed(new.servos, new.free)
-        return ServoTrial(candidate, {**self.residual, **other.residual}, {**self.scores, **other.scores})
+        candidate, scores = candidate.changed(new.servos, new.free), {**self.scores, **other.scores}
+        return replace(self, candidate=candidate, residual={**self.residual, **other.residual}, scores=scores)
 
 
 def fit_candidate(
@@ -249,5 +250,5 @@ def improves(before: Array, after: Array) -> bool:
     if len(saved) < 2:
         return False
     error = saved.std(ddof=1) / np.sqrt(len(saved))
-    loud = np.nanmean(np.exp(2 * after)) <= LOUDER**2 * np.nanmean(np.exp(2 * before))
+    loud = np.nanmean(np.exp(2 * after)) <= MAX_RMS_GROWTH**2 * np.nanmean(np.exp(2 * before))
     return bool(loud and saved.mean() > GAIN and saved.mean() > SAVING_ERRORS * error)
