@@ -20,11 +20,10 @@ from ..types import Array, Progress
 from .diagnose.search import half_log_of, limited, price_of
 from .fit import ServoFit
 from .fit.coordinates import typical
-from .identify.fits import block
+from .identify.fits import block, connected_sets
 from .identify.identifiable import SCALED, SIGNED, VAGUE, unit_of
 from .identify.result import FrictionModel, ServoIdentification, ServoNumber
 from .identify.run import FITTED, rows_used
-from .identify.scale import connected_sets
 from .plant import roll_out
 from .plant.course import recorded_course
 from .search.choice import Candidate, fit_candidate

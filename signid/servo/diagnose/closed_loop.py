@@ -13,8 +13,7 @@ from ...robot.dynamics import moved_bodies, own_row
 from ...servos import Servo, ServoGrid
 from ...types import Array
 from ..fit.coordinates import Coordinates, typical
-from ..fit.normal import NUDGE
-from ..fit.windows import joined_bodies, shoot, windows_of
+from ..fit.normal import NUDGE, joined_bodies, shoot, windows_of
 from ..plant.course import Moved, RobotCourse, bodies_of, copies_of, course, motion_of, part, recorded_course
 from ..plant.kernel import LoopBodies
 

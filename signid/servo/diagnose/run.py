@@ -26,9 +26,8 @@ from ..plant.course import bodies_of, groups
 from ..search.data import ServoData, position_noise, servo_data
 from ..validate import need_commands, prepared_model
 from .closed_loop import ClosedLoop
-from .conclude import conclude, fits, unproven
+from .conclude import ServoDiagnosis, ServoRepeats, conclude, fits, unproven
 from .hypotheses import HYPOTHESES
-from .result import ServoDiagnosis, ServoRepeats
 from .search import GroupSearch, search
 
 WINDOW = 0.8  # [s] of the closed loops; longer ones hardly add information, and the cost becomes rough

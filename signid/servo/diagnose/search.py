@@ -12,8 +12,8 @@ from ...diagnose.evidence.bayes_factors import StackedPriors, log_bayes_factor
 from ...effects.drive import Reach
 from ...types import TWO_SIDED, Array
 from ..fit.coordinates import BODY, Coordinates, Slot
+from ..fit.fit import damped
 from ..fit.normal import Normal, StateSlopes, covariance, derivatives, nearby, reduced, state_slopes
-from ..fit.solve import damped
 from .closed_loop import ClosedLoop
 from .hypotheses import HYPOTHESES, DriveHypothesis
 

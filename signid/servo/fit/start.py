@@ -20,8 +20,7 @@ from ...types import Array, Mask
 from ..plant.course import RobotCourse, bodies_of, copies_of, groups, motion_of, part, recorded_course
 from ..plant.grid import commands_at
 from ..plant.torque import EFFORT
-from .normal import NUDGE, STATE, state_slopes
-from .windows import FitWindows, shoot, window_places, windows_of
+from .normal import NUDGE, STATE, FitWindows, shoot, state_slopes, window_places, windows_of
 
 DELAYS = tuple(k * 0.005 for k in range(13))  # [s]
 SHARES = (0.15, 0.25, 0.35, 0.5, 0.65, 0.8, 0.9)  # quantiles of |error| that are tried as its limit

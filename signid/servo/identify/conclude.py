@@ -19,12 +19,22 @@ from ..fit import ServoFit, fit_servos, start_limits
 from ..given import OWN
 from ..plant.course import recorded_course
 from ..plant.roll_out import roll_out_along
-from ..search.choice import SHORT_WINDOW, Candidate, ServoTrial
+from ..search.choice import SHORT_WINDOW, Candidate, Estimates, ServoProblem, ServoTrial
 from ..search.data import ServoData, loop_error, position_noise
 from ..search.laws import LIMIT_RESIDUAL_RATIO, STEPS, largest_torques, limited
-from ..search.problem import Estimates, ServoProblem
-from .facts import demand, joint_facts
-from .fits import block, closed_loops, nominal_servos, number_at_bound, number_std
+from .fits import (
+    Stated,
+    alternatives,
+    block,
+    closed_loops,
+    gain_text,
+    implied_ratios,
+    known_scale,
+    mass_ratios,
+    nominal_servos,
+    number_at_bound,
+    number_std,
+)
 from .flags import (
     assumption_notes,
     duty_notes,
@@ -38,9 +48,8 @@ from .flags import (
     worse_flag,
     worse_than_stated,
 )
-from .identifiable import RARE, JointFacts, dependence, dependent_numbers, joint_numbers
+from .identifiable import RARE, JointFacts, demand, dependence, dependent_numbers, joint_facts, joint_numbers
 from .result import ServoIdentification, ServoJoint, ServoRollOut, ServoTrace
-from .scale import Stated, alternatives, gain_text, implied_ratios, known_scale, mass_ratios
 
 HORIZON = 1.0  # [s] of the roll-outs, from measured states
 MAX_HELD_OUT_RATIO = 3.0  # [1] held-out rms over that of the training data, from which it is flagged

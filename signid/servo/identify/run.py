@@ -23,18 +23,34 @@ from ...types import Array, Progress, Recording
 from ..fit import ServoFit, fit_servos, start_servos
 from ..given import OWN, Assumptions, given_texts
 from ..plant.course import FIT_SUBSTEP, bodies_of
-from ..search.choice import MAX_RMS_GROWTH, Candidate, ServoTrial, improved, supported, worth
+from ..search.choice import (
+    EARLY_NUMBER,
+    MAX_RMS_GROWTH,
+    Candidate,
+    ServoOptions,
+    ServoProblem,
+    ServoTrial,
+    improved,
+    supported,
+    worth,
+)
 from ..search.data import ServoData, loop_error, servo_data, thinned
 from ..search.laws import rare_limits, try_laws
-from ..search.problem import EARLY_NUMBER, ServoOptions, ServoProblem
 from ..zeros.run import P_SIGN, JointZero, find_zeros, turns
 from .conclude import JudgedFit, conclude, facts_of, judge
-from .facts import exceeded, full_duty_errors
-from .fits import final_fit, own_numbers, weigh_bodies, whole_rms
+from .fits import (
+    connected_sets,
+    final_fit,
+    first_candidate,
+    own_numbers,
+    stated_laws,
+    stated_numbers,
+    weigh_bodies,
+    whole_rms,
+)
 from .flags import worse_than_stated
-from .identifiable import RARE
+from .identifiable import RARE, exceeded, full_duty_errors
 from .result import LoggedRows, ServoIdentification
-from .scale import connected_sets, first_candidate, stated_laws, stated_numbers
 
 WINDOW_ALONE, WINDOW_COUPLED = 1.0, 0.8  # [s] of windows; shorter ones do not identify limits (BAM XL330, Go2)
 START_LAW = "duty"  # its regression has one number less

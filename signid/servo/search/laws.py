@@ -10,9 +10,8 @@ import numpy as np
 from ...servos import DRIVE_LAWS, Servo
 from ..fit import start_limits
 from ..plant.course import recorded_course
-from .choice import SHORT_WINDOW, Candidate, ServoTrial, fit_candidate, improved, law_probabilities, worth
+from .choice import SHORT_WINDOW, Candidate, ServoProblem, ServoTrial, fit_candidate, improved, law_probabilities, worth
 from .data import ServoData
-from .problem import ServoProblem
 
 SHORT_STEPS = 6  # most iterations over short windows
 NEAR_TOP = 0.9  # second start of a limit, over the largest torque that the loop asks for

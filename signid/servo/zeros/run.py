@@ -11,9 +11,8 @@ from scipy.stats import t as student
 
 from ...servos import Servo, ServoGrid
 from ...types import Array, Robot
-from .chain import chain_of
 from .fit import POINTS, ZeroFit, ZeroTrial, best_zeros, fit_zeros, mirrored, noise_of, search, turned, weighted
-from .rows import MIN_USABLE_ROWS, Loads, foreseen, unexplained, zero_rows
+from .rows import MIN_USABLE_ROWS, Loads, chain_of, foreseen, unexplained, zero_rows
 
 LAST_FIT_ROWS, FIT_ROWS, SEARCH_ROWS = 1200, 400, 200  # rows of the last fit, of those before, and of the search
 RIVALS = 2  # fits with another sign that are refined
