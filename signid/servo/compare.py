@@ -16,7 +16,7 @@ from ..recording import Recordings, as_recordings
 from ..regression.session import only_once
 from ..servos import LOOP_UNITS, Servo
 from ..typed import typed
-from ..types import Array, Progress
+from ..types import Progress
 from .diagnose.search import half_log_of, limited, price_of
 from .fit import ServoFit
 from .fit.coordinates import typical
@@ -151,7 +151,10 @@ def _compared(task: _Task, fitted: Sequence[_Fitted]) -> Iterator[FrictionModel]
     odds = [limited(evidence[best] - e, 0.0, x) for e, x in zip(evidence, differences, strict=True)]
     weights = np.where(named, np.exp(-np.array(odds)), np.nan)
     for one, e, weight in zip(fitted, evidence, weights, strict=True):
-        absolute, rms = _errors(task, one.fit.servos)
+        with np.errstate(all="ignore"):
+            errors = [roll_out(task.model, one.fit.servos, grid) - grid.q for grid in data.held_out]
+            error = np.where([joint in one.fit.servos for joint in data.joints], np.concatenate(errors), np.nan)
+            absolute, rms = np.mean(np.abs(error), axis=0), np.sqrt(np.mean(error**2, axis=0))
         numbers = {joint: _numbers(task, one, joint) for joint in one.fit.servos}
         yield FrictionModel(
             one.model.name,
@@ -173,15 +176,6 @@ def _price(task: _Task, fit: ServoFit, common: set[tuple[str, str]]) -> float:
         return 0.0
     sizes = [task.sizes[joint].get(name, 1.0) for joint, name in (fit.names[k] for k in new)]
     return price_of(fit.information, new, sizes, task.rows)
-
-
-def _errors(task: _Task, servos: Mapping[str, Servo]) -> tuple[Array, Array]:
-    """Mean absolute and rms errors (n,) [rad or m] of held-out rows from commands alone; NaN without a drive."""
-    with np.errstate(all="ignore"):
-        error = np.concatenate([roll_out(task.model, servos, grid) - grid.q for grid in task.data.held_out])
-        absolute, rms = np.mean(np.abs(error), axis=0), np.sqrt(np.mean(error**2, axis=0))
-    driven = np.array([joint in servos for joint in task.data.joints])
-    return np.where(driven, absolute, np.nan), np.where(driven, rms, np.nan)
 
 
 def _numbers(task: _Task, one: _Fitted, joint: str) -> dict[str, ServoNumber]:

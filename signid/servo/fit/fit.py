@@ -140,7 +140,10 @@ def fit_servos(
     branches, assumed = groups(robot, acting), assumptions or Assumptions()
     rest = branches, coarse, usual or {}, assumed
     task = _Task(grids, robot, courses, dict(servos), tuple(free), tuple(window_places(grids, window)), *rest)
-    joints = _linked(task)
+    names = robot.joints
+    equal = [[joint for joint in members if joint in servos] for members in assumed.equal]
+    linked = unions([*([names[j] for j in branch] for branch in branches), *filter(None, equal)])
+    joints = tuple(sorted(tuple(sorted(map(names.index, members))) for members in linked))  # share a body or a number
     first = replace(task, coarse=coarse or (relinearise and not scales))
     fits = [_fit_group(first, group, iterations, scales=scales) for group in joints]
     steps = 0
@@ -192,24 +195,6 @@ def _check(grids: Sequence[ServoGrid], servos: Mapping[str, Servo], free: Sequen
             raise OptionError(f"no number {number!r} of a servo at {joint!r}; choose from {shorten(LOOP_NUMBERS, 20)}")
 
 
-def _linked(task: _Task) -> tuple[tuple[int, ...], ...]:
-    """Joints in groups that share a moved body or a number."""
-    names = task.robot.joints
-    branches = [[names[j] for j in branch] for branch in task.branches]
-    equal = [[joint for joint in members if joint in task.servos] for members in task.assumptions.equal]
-    return tuple(sorted(tuple(sorted(map(names.index, one))) for one in unions([*branches, *filter(None, equal)])))
-
-
-def _same(task: _Task, names: Sequence[str]) -> dict[str, list[int]]:
-    """Labels of the joints of a group by number: those with the same label share it."""
-    equal = [[joint for joint in members if joint in names] for members in task.assumptions.equal]
-    out = {}
-    for number in LOOP_NUMBERS:
-        sets = unions([*([name] for name in names), *(filter(None, equal) if number != OWN else ())])
-        out[number] = [next(k for k, members in enumerate(sets) if name in members) for name in names]
-    return out
-
-
 def _fit_group(
     task: _Task, joints: tuple[int, ...], iterations: int, before: _Group | None = None, scales: bool = True
 ) -> _Group:
@@ -218,7 +203,11 @@ def _fit_group(
     free = [[number for joint, number in task.free if joint == name] for name in names]
     drives = tuple(started(task.servos[name], mine, size) for name, mine, size in zip(names, free, sizes, strict=True))
     branches = [[joints.index(j) for j in branch] for branch in task.branches if branch[0] in joints]
-    same = _same(task, names)
+    equal = [[joint for joint in members if joint in names] for members in task.assumptions.equal]
+    same: dict[str, list[int]] = {}
+    for number in LOOP_NUMBERS:  # labels of the joints: those with the same one share the number
+        shared = unions([*([name] for name in names), *(filter(None, equal) if number != OWN else ())])
+        same[number] = [next(k for k, members in enumerate(shared) if name in members) for name in names]
     usual = [task.usual.get(name, 0.0) for name in names]
     assumed = task.assumptions
     priors = {(names.index(j), number): x for (j, number), x in assumed.priors.items() if j in names}
@@ -262,7 +251,10 @@ def _collect(task: _Task, joints: Sequence[tuple[int, ...]], fits: Sequence[_Gro
     for group, fit in zip(joints, fits, strict=True):
         columns = list(group)
         squares[:, columns] = np.sum(fit.solved.residual**2, axis=1) / (fit.windows.rows[:, None] + 1)
-        share[columns] = _saturated(fit)
+        point, windows = fit.solved.point, fit.windows
+        hits = shoot(windows, fit.where.copies(point.values[None]), point.q0[None], point.v0[None])[1][0].sum(0)
+        on = (windows.joined.column("on")[windows.places[:, :-1]] > 0.5) & windows.inside[:, 1:, None]
+        share[columns] = np.asarray(hits / np.maximum(windows.joined.parts * on.sum((0, 1)), 1))
         for j, servo in zip(group, fit.where.at(fit.solved.point.values).servos, strict=True):
             servos[task.robot.joints[j]] = servo
     owners = [
@@ -308,14 +300,6 @@ def _certainty(fit: _Group, task: _Task) -> tuple[Certainty, Array]:
     own = at._replace(each=at.each[:, inside][:, :, inside], scores=at.scores[:, inside])
     covariance[rows], spread[inside] = certainty(own, recording, prior[rows], ratios[rows])
     return Certainty(covariance, spread), at.information + prior
-
-
-def _saturated(fit: _Group) -> Array:
-    """Share (n,) of the time with the drive on that it spends at its limit."""
-    point, windows = fit.solved.point, fit.windows
-    hits = shoot(windows, fit.where.copies(point.values[None]), point.q0[None], point.v0[None])[1][0].sum(0)
-    on = (windows.joined.column("on")[windows.places[:, :-1]] > 0.5) & windows.inside[:, 1:, None]
-    return np.asarray(hits / np.maximum(windows.joined.parts * on.sum((0, 1)), 1))
 
 
 class Solved(NamedTuple):

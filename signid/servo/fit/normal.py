@@ -130,12 +130,19 @@ def slopes_at(
 ) -> Slopes:
     """Derivatives at a point; `wide` multiplies the differences, central or forward."""
     differences, n = nearby(where, point.values, wide, central), windows.q0.shape[1]
-    most = max(MOST_VALUES // ((len(differences.values) + 2 * n) * (windows.longest + 1) * n), 1)
+    table = differences.values
+    copies, count = where.copies(np.concatenate([table, np.repeat(table[:1], 2 * n, 0)])), len(table)
+    most = max(MOST_VALUES // ((count + 2 * n) * (windows.longest + 1) * n), 1)
     parts = []
-    for k in range(0, len(windows), most):
-        some = slice(k, k + most)
-        at = FitPoint(point.values, point.q0[some], point.v0[some])
-        parts.append(_slopes(windows.part(some), where, at, differences))
+    for first in range(0, len(windows), most):
+        rows = slice(first, first + most)
+        q0, v0 = (np.repeat(x[None, rows], count + 2 * n, 0) for x in (point.q0, point.v0))
+        for j in range(n):  # one state differs in each of the last 2n copies
+            q0[count + j, :, j] += NUDGE[0]
+            v0[count + n + j, :, j] += NUDGE[1]
+        positions = shoot(windows.part(rows), copies, q0, v0)[0]
+        by_state = (positions[count:] - positions[0]) / np.repeat(NUDGE, n)[:, None, None, None]
+        parts.append(Slopes(derivatives(positions[:count], where, differences), by_state))
     return Slopes(*(np.concatenate(each, axis=1) for each in zip(*parts, strict=True)))
 
 
@@ -209,25 +216,6 @@ def reduced(by_value: Array, residual: Array, states: StateSlopes, off: Array | 
 def _state_prior(n: int) -> Array:
     """Precision (2n,) of the prior of an initial state."""
     return np.repeat([STATE[0] ** -2.0, STATE[1] ** -2.0], n)
-
-
-def _nudged(point: FitPoint, before: int) -> tuple[Array, Array]:
-    """States (C, W, n) of `before` copies at a point and of 2n copies, in each of which one state differs."""
-    n = point.q0.shape[1]
-    starts = tuple(np.repeat(x[None], before + 2 * n, 0) for x in (point.q0, point.v0))
-    for k in range(2):
-        for j in range(n):
-            starts[k][before + k * n + j, :, j] += NUDGE[k]
-    return starts[0], starts[1]
-
-
-def _slopes(windows: FitWindows, where: Coordinates, point: FitPoint, differences: Differences) -> Slopes:
-    """Derivatives of some windows."""
-    table, n = differences.values, point.q0.shape[1]
-    copies = where.copies(np.concatenate([table, np.repeat(table[:1], 2 * n, 0)]))
-    out = shoot(windows, copies, *_nudged(point, len(table)))[0]
-    by_state = (out[len(table) :] - out[0]) / np.repeat(NUDGE, n)[:, None, None, None]
-    return Slopes(derivatives(out[: len(table)], where, differences), by_state)
 
 
 def covariance(information: Array, scores: Array, prior: Array | None = None) -> Array:

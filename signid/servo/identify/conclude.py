@@ -132,7 +132,13 @@ def conclude(problem: ServoProblem, judged: JudgedFit, trial: ServoTrial) -> Ser
     )
     added += [scale.sentence] if assumed.scale == "nothing" else []
     added += far_flags(judged.errors)
-    added += unequal_flags(_identified(problem.unequal, joints), assumed.equal)
+    whole = dict.fromkeys(SUM_PARTS["damping"], "damping")  # kd as part of it
+    lost = {(one.joint, name) for one in joints for name, number in one.numbers.items() if number.value is None}
+    apart = {
+        joint: {name: x for name, x in of.items() if (joint, whole.get(name, name)) not in lost and name != OWN}
+        for joint, of in problem.unequal.items()
+    }
+    added += unequal_flags(apart, assumed.equal)
     unsure = [joint for joint, fact in facts.items() if fact.held_out_torque > 0]
     notes = (*joint_notes(joints), *law_notes(joints, assumed.laws, [*limited, *unsure]), *prior_notes(joints))
     notes = (*notes, *assumption_notes(assumed, fit.free))
@@ -183,16 +189,6 @@ def _estimates(one: ServoJoint) -> dict[str, tuple[float, float]]:
         name: (number.value, number.std)
         for name, number in one.numbers.items()
         if number.value is not None and number.std and not number.prior and "/" not in name and name not in ("lag", OWN)
-    }
-
-
-def _identified(own: Mapping[str, Estimates], joints: Sequence[ServoJoint]) -> dict[str, Estimates]:
-    """Numbers of joints, without those that are not identifiable even if they are common; kd as part of the damping."""
-    whole = {part: name for name, parts in SUM_PARTS.items() if name == "damping" for part in parts}
-    lost = {(one.joint, name) for one in joints for name, number in one.numbers.items() if number.value is None}
-    return {
-        joint: {name: x for name, x in numbers.items() if (joint, whole.get(name, name)) not in lost and name != OWN}
-        for joint, numbers in own.items()
     }
 
 
@@ -303,12 +299,14 @@ def compared(
     errors: Mapping[str, HeldOutError],
 ) -> dict[str, JointFacts]:
     """Facts of the joints with what held-out rows say of limits that the data of the fit do not reach."""
-    torques = {joint: _demand(model, data, servos[joint], joint, fact) for joint, fact in facts.items()}
-    beyond = {
-        joint: torque
-        for joint, torque in torques.items()
-        if not servos[joint].effort_limit < np.inf and torque > facts[joint].largest_torque
-    }
+    beyond = dict[str, float]()
+    for joint, fact in facts.items():
+        j, damping = data.joints.index(joint), fact.drive_damping
+        speeds = [recorded_course(model, grid).motion.v[:, j] for grid in data.held_out]
+        rows = [demand(servos[joint], grid, v, j, damping) for grid, v in zip(data.held_out, speeds, strict=True)]
+        torque = float(np.quantile(np.abs(np.concatenate(rows)), 1 - RARE))
+        if not servos[joint].effort_limit < np.inf and torque > fact.largest_torque:
+            beyond[joint] = torque
     if not beyond:
         return dict(facts)
     limits = _limits(model, data, servos, beyond)
@@ -319,13 +317,6 @@ def compared(
         if errors[joint].far or limit < np.inf:
             found[joint] = replace(facts[joint], held_out_torque=torque, held_out_limit=limit)
     return found
-
-
-def _demand(model: Model, data: ServoData, servo: Servo, joint: str, fact: JointFacts) -> float:
-    """Torque [N.m or N] that held-out rows ask of a drive, exceeded in a share RARE of them."""
-    j, damping = data.joints.index(joint), fact.drive_damping
-    rows = [demand(servo, grid, recorded_course(model, grid).motion.v[:, j], j, damping) for grid in data.held_out]
-    return float(np.quantile(np.abs(np.concatenate(rows)), 1 - RARE))
 
 
 def _limits(

@@ -260,7 +260,15 @@ def joint_numbers(
     std = dict(zip(free, np.sqrt(np.maximum(np.diag(covariance), 0.0)), strict=True))
     values.update(damping=servo.damping, lag=servo.lag)
     with np.errstate(invalid="ignore"):
-        std.update(_derived(servo, free, covariance))
+        found = {}
+        damping = np.array([float(name in ("kd", "viscous_friction")) for name in free])
+        if damping.any():
+            found["damping"] = float(np.sqrt(max(damping @ covariance @ damping, 0.0)))
+        if servo.kp > 0 and (damping.any() or {"kp", "delay"} & set(free)):
+            slope = {"delay": 1.0, "kp": -servo.damping / servo.kp**2}
+            lag = damping / servo.kp + np.array([slope.get(name, 0.0) for name in free])
+            found["lag"] = float(np.sqrt(max(lag @ covariance @ lag, 0.0)))
+        std.update(found)
     if facts.full_duty_error > 0 and "kp" in std:
         std["effort_limit"] = facts.full_duty_error * std["kp"]
     ratios = _ratios(servo, free, covariance, facts)
@@ -323,19 +331,6 @@ def _ratios(servo: Servo, free: Sequence[str], covariance: Array, facts: JointFa
             below = most if 0 < most < np.inf else None
             above = 1 / most if below and name == "armature" else None
             found[key] = ServoNumber(key, unit, None, below=None if above else below, above=above)
-    return found
-
-
-def _derived(servo: Servo, free: Sequence[str], covariance: Array) -> dict[str, float]:
-    """Standard deviations of damping and lag."""
-    found = {}
-    damping = np.array([float(name in ("kd", "viscous_friction")) for name in free])
-    if damping.any():
-        found["damping"] = float(np.sqrt(max(damping @ covariance @ damping, 0.0)))
-    if servo.kp > 0 and (damping.any() or {"kp", "delay"} & set(free)):
-        slope = {"delay": 1.0, "kp": -servo.damping / servo.kp**2}
-        lag = damping / servo.kp + np.array([slope.get(name, 0.0) for name in free])
-        found["lag"] = float(np.sqrt(max(lag @ covariance @ lag, 0.0)))
     return found
 
 

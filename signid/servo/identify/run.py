@@ -61,10 +61,7 @@ NOT_REFITTED = "the model was not fitted again to the held-out rows"
 MOST_JOINTS = 7  # beyond them the search over signs and zeros is too long
 UNDECIDED = "no file states it: move the joint by hand, and write scale = 1 or -1 into the column map (--columns)"
 ROW_PARTS = 4  # of a row
-CHANGES_PER_ROW = {
-    2: 0.25,
-    4: 0.5,
-}  # changes of the command in a row, and shift of what acts in it [rows]; 4: all the time
+CHANGES_PER_ROW = {2: 0.25, 4: 0.5}  # changes of the command in a row, and shift of what acts [rows]; 4: always
 CHANGE_SHARE = 0.5  # share of rows with a new command, of those while it moves, from which it may change between rows
 CHANGE_ROWS = 5  # rows around a change of a command, in which it moves
 RMS_GROWTH, GROWTH_ERRORS = 1.05, 2.0  # of rms, and in standard errors over windows, that rule changes between rows out
@@ -177,7 +174,12 @@ def started(
         by_joint = start_servos(plain, searched.train, law)
         regressed = {joint: servo for joint, servo in by_joint.items() if joint in data.driven}
         start = first_candidate(model.robot, data, regressed, assumed)
-        limited[law] = _limited(start, regressed)
+        limits = {
+            joint: servo.with_(effort_limit=servo.kp * regressed[joint].effort_limit / regressed[joint].kp)
+            for joint, servo in start.servos.items()
+            if not servo.effort_limit < np.inf
+        }
+        limited[law] = start.changed(limits)
         if law == START_LAW:
             start = replace(start, tied=full_duty).follow(start.servos)
             problem = replace(problem, regressed=regressed, start=start)
@@ -197,16 +199,6 @@ def _logged_rows(recording: Recording) -> LoggedRows:
     known = np.isfinite(x.t) & np.isfinite(x.q).all(axis=1)
     t, q = x.t[known], x.q[known]
     return LoggedRows(recording.path, float(np.median(np.diff(t))), content_rate(t, q))
-
-
-def _limited(start: Candidate, found: Mapping[str, Servo]) -> Candidate:
-    """Start with the limits that a regression found, unless they are stated."""
-    new = {
-        joint: servo.with_(effort_limit=servo.kp * found[joint].effort_limit / found[joint].kp)
-        for joint, servo in start.servos.items()
-        if not servo.effort_limit < np.inf
-    }
-    return start.changed(new)
 
 
 def fit_chosen(problem: ServoProblem, trial: ServoTrial) -> tuple[ServoProblem, ServoTrial, ServoFit]:
@@ -241,7 +233,12 @@ def fitted_again(problem: ServoProblem, judged: JudgedFit, candidate: Candidate)
     if data.held_out is data.train:
         return judged
     problem.say("fitting servos to all rows", 0.95)
-    if reasons := tuple(_unlike(judged)):
+    reasons = list[str]()
+    if far := [joint for joint, error in judged.errors.items() if error.far]:
+        reasons.append(f"its errors there are far above those of the training rows ({shorten(far)})")
+    if beyond := [joint for joint, fact in judged.facts.items() if fact.held_out_limit < np.inf]:
+        reasons.append(f"only they reach an effort limit, which the model lacks ({shorten(beyond)})")
+    if reasons:
         return replace(judged, notes=(f"{NOT_REFITTED}: {' and '.join(reasons)}",))
     if worse_than_stated(before) or time_is_up("the fit of drives to all rows", answer=False):
         return judged
@@ -257,14 +254,6 @@ def fitted_again(problem: ServoProblem, judged: JudgedFit, candidate: Candidate)
         for joint, fact in facts_of(replace(problem, data=everything), fit).items()
     }
     return replace(judged, data=everything, fit=fit, facts=facts, refit=True)
-
-
-def _unlike(judged: JudgedFit) -> Iterator[str]:
-    """Reasons why held-out rows must not be learned from."""
-    if far := [joint for joint, error in judged.errors.items() if error.far]:
-        yield f"its errors there are far above those of the training rows ({shorten(far)})"
-    if beyond := [joint for joint, fact in judged.facts.items() if fact.held_out_limit < np.inf]:
-        yield f"only they reach an effort limit, which the model lacks ({shorten(beyond)})"
 
 
 def joint_zeros(problem: ServoProblem) -> tuple[tuple[JointZero, ...], tuple[str, ...]]:

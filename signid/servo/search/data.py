@@ -21,6 +21,7 @@ HALVES = 2  # of blocks of the only recording
 MIN_GRID_SECONDS = 1.0  # [s] of a grid that can be held out or validate
 NORMAL = 0.6745  # median of |x| of a standard normal variable
 LEAST_WAY = 1e-3  # [rad or m] way of the commands below which a joint stands still
+THIRD = np.sqrt(20.0)  # of third differences on white noise
 LEAST_NOISE = 1e-5  # [rad or m]
 
 
@@ -68,7 +69,17 @@ def servo_data(
         grids = [tuple(first)]
     train = tuple(grid for some in grids for grid in some)
     data = ServoData(train, tuple(unseen) or train, _folds(grids), recordings_used(recordings, held_out))
-    _check(data, recordings, held_out)
+    names = ", ".join(r.path or "a recording" for r in (*recordings, *held_out))
+    if not data.driven:
+        raise RecordingError(
+            f"no joint has commands q_des_J in all of {names}; give recordings of the same joints with their commands"
+        )
+    seconds = sum(len(grid) / grid.rate for grid in train)
+    if seconds < 2 * MIN_GRID_SECONDS:
+        raise RecordingError(
+            f"{names}: {seconds:.2g} s remain to learn from, and at least {2 * MIN_GRID_SECONDS:g} s are needed; "
+            f"record for longer"
+        )
     return data
 
 
@@ -154,23 +165,6 @@ def _blocks(grids: Sequence[ServoGrid]) -> list[ServoGrid]:
     count = int(np.clip(len(grid) / grid.rate / BLOCK, 1, MOST_BLOCKS))
     edges = np.linspace(0, len(grid), count + 1).astype(int).tolist()
     return [rows_of(grid, a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
-
-
-def _check(data: ServoData, recordings: Sequence[Recording], held_out: Sequence[Recording]) -> None:
-    names = ", ".join(r.path or "a recording" for r in (*recordings, *held_out))
-    if not data.driven:
-        raise RecordingError(
-            f"no joint has commands q_des_J in all of {names}; give recordings of the same joints with their commands"
-        )
-    seconds = sum(len(grid) / grid.rate for grid in data.train)
-    if seconds < 2 * MIN_GRID_SECONDS:
-        raise RecordingError(
-            f"{names}: {seconds:.2g} s remain to learn from, and at least {2 * MIN_GRID_SECONDS:g} s are needed; "
-            f"record for longer"
-        )
-
-
-THIRD = np.sqrt(20.0)  # of third differences on white noise
 
 
 def position_noise(grids: Sequence[ServoGrid]) -> Array:

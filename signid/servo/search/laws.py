@@ -19,6 +19,7 @@ SPEED_RATIO = 3.0  # largest speed of a torque-speed law over that of the motion
 INSIDE = 0.15  # share of the damping inside the limit below which effort and duty are the same law
 EARLY, STEPS = 3, 8  # most iterations, before limits promise something and in all
 PROMISING = 0.95  # residual over that without a limit after the first of them
+REGRESSED = ("kp", "kd", "delay", "coulomb_friction", "armature", "torque_offset")  # numbers of a regression
 LIMIT_RESIDUAL_RATIO = 0.8  # residual over that without a limit from which the laws of a joint are tried
 
 
@@ -112,7 +113,8 @@ def _law_start(
     top = {j: NEAR_TOP * x for j, x in largest_torques(by.searched, {j: base.servos[j] for j in joints}).items()}
     known = by.limited.get(law, by.limited[DRIVE_LAWS[0]])
     mine = {j: known.servos[j] for j in joints if known.servos[j].effort_limit < np.inf}
-    regressed = base.changed({j: _kept(base.servos[j], servo) for j, servo in mine.items()})
+    numbers = {j: {name: getattr(servo, name) for name in REGRESSED} for j, servo in mine.items()}
+    regressed = base.changed({j: base.servos[j].with_(**of) for j, of in numbers.items()})
     found = {**top, **{j: servo.effort_limit for j, servo in mine.items()}}
     starts = [limited(base, top, law), limited(regressed, found, law)]
     if law == "torque_speed" and "effort" in before:
@@ -120,12 +122,6 @@ def _law_start(
     ends = [fit_candidate(by.model, by.searched.train, one, SHORT_WINDOW, SHORT_STEPS, coarse=True) for one in starts]
     rows = [by.searched.joints.index(joint) for joint in joints]
     return min(ends, key=lambda end: float(np.log(end[1].residual_rms[rows]).sum()))[0]
-
-
-def _kept(base: Servo, start: Servo) -> Servo:
-    """Drive of a regression, with the numbers that it does not give."""
-    names = ("kp", "kd", "delay", "coulomb_friction", "armature", "torque_offset")
-    return base.with_(**{name: getattr(start, name) for name in names})
 
 
 def largest_torques(data: ServoData, servos: Mapping[str, Servo]) -> dict[str, float]:

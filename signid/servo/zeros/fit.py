@@ -128,7 +128,9 @@ def search(loads: Loads, joints: Sequence[int], seed: int) -> list[ZeroTrial]:
     """Best signs and zeros of some joints, best first; random starts only if another zero saves enough."""
     rng, n = np.random.default_rng(seed), len(loads.rows.joints)
     moves, pairs = [(j,) for j in joints], list(combinations(joints, 2))
-    described = ZeroTrial(_score(loads, np.ones(n), np.zeros(n)), np.ones(n), np.zeros(n))
+    load = loads.gravity(np.ones(n), np.zeros(n))[..., None]
+    left = [responses(line, line.of(load))[1][0] / len(line.error) for line in loads.lines]
+    described = ZeroTrial(float(np.sum(0.5 * np.log(np.maximum(left, FLOOR**2)))), np.ones(n), np.zeros(n))
     found = [described, _descended(loads, described, moves), turned(loads, described, pairs)]
     if described.score - min(trial.score for trial in found) < MIN_LOG_SAVING:
         return _different(found)
@@ -186,12 +188,6 @@ def best_zeros(loads: Loads, trial: ZeroTrial, joints: tuple[int, ...], signs: t
     zeros = trial.zeros.copy()
     zeros[rows] = grid[list(np.unravel_index(k, (count,) * len(rows)))]
     return ZeroTrial(float(score[k]), own, zeros)
-
-
-def _score(loads: Loads, signs: Array, zeros: Array) -> float:
-    load = loads.gravity(signs, zeros)[..., None]
-    left = [responses(line, line.of(load))[1][0] / len(line.error) for line in loads.lines]
-    return float(np.sum(0.5 * np.log(np.maximum(left, FLOOR**2))))
 
 
 def _descended(

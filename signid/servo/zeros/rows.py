@@ -67,7 +67,10 @@ def zero_rows(grids: Sequence[ServoGrid], servos: Mapping[str, Servo], most: int
     """Rows of grids in which a joint slides, evenly, about `most`; delays and limits are those of drives."""
     paths = list(dict.fromkeys(grid.path or f"{k}" for k, grid in enumerate(grids)))
     motions = [smooth(grid.q, grid.rate, CUTOFF) for grid in grids]
-    slow = _slow(np.abs(np.concatenate([motion.v for motion in motions])))
+    speed = np.abs(np.concatenate([motion.v for motion in motions]))
+    moving = speed > MIN_SLIDING_SPEED
+    usual = np.sqrt(np.sum(np.where(moving, speed, 0.0) ** 2, axis=0) / np.maximum(moving.sum(axis=0), 1))
+    slow = np.asarray(np.maximum(MIN_SLIDING_SPEED, TURNING * usual))
     parts, blocks = [], 0
     for k, (grid, motion) in enumerate(zip(grids, motions, strict=True)):
         error = np.column_stack([_error(grid, j, servos.get(joint)) for j, joint in enumerate(grid.joints)])
@@ -81,13 +84,6 @@ def zero_rows(grids: Sequence[ServoGrid], servos: Mapping[str, Servo], most: int
         parts.append((*motion, error, rush, _filtered(slide, grid.rate), block, number))
     rows = ZeroRows(grids[0].joints, *(np.concatenate(some) for some in zip(*parts, strict=True)))
     return rows.part(np.asarray(np.isfinite(rows.error).any(axis=1))).thinned(most)
-
-
-def _slow(speed: Array) -> Array:
-    """Speed (n,) [rad/s or m/s] below which joints may stick or turn round, from their speeds (N, n)."""
-    moving = speed > MIN_SLIDING_SPEED
-    usual = np.sqrt(np.sum(np.where(moving, speed, 0.0) ** 2, axis=0) / np.maximum(moving.sum(axis=0), 1))
-    return np.asarray(np.maximum(MIN_SLIDING_SPEED, TURNING * usual))
 
 
 def fixed_columns(rows: ZeroRows, j: int, use: Mask) -> Array:
