@@ -23,7 +23,7 @@ from .fit.coordinates import typical
 from .identify.fits import block, connected_sets
 from .identify.identifiable import SCALED, SIGNED, VAGUE, unit_of
 from .identify.result import FrictionModel, ServoIdentification, ServoNumber
-from .identify.run import FITTED, rows_used
+from .identify.run import FIT_BUDGET, rows_used
 from .plant import roll_out
 from .plant.course import recorded_course
 from .search.choice import Candidate, fit_candidate
@@ -44,7 +44,7 @@ AS_FOUND = "identified"  # the drives of the identification itself
 
 
 @dataclass(frozen=True, eq=False)
-class _Fitted:
+class _FittedModel:
     """A model, fitted to the training rows."""
 
     model: NamedModel
@@ -95,7 +95,7 @@ def compare_models(
     unseen = as_recordings(held_out, found.robot, "compare_models")
     only_once((*given, *unseen))
     task = _task(found, servo_data(found.robot, given, unseen))
-    fitted = dict[str, _Fitted]()
+    fitted = dict[str, _FittedModel]()
     for k, model in enumerate(MODELS):
         if fitted and time_is_up("the comparison of friction models"):
             break
@@ -111,7 +111,7 @@ def _task(found: ServoIdentification, data: ServoData) -> _Task:
             "compare_models got other recordings than identify_servos; give the same recordings and held_out to both"
         )
     sets = connected_sets(found.model, data.joints, data.driven)
-    data = replace(data, train=thinned(data.train, rows_used(sets, data, FITTED)))
+    data = replace(data, train=thinned(data.train, rows_used(sets, data, FIT_BUDGET)))
     motions = [recorded_course(found.model, grid).motion for grid in data.train]
     sizes = {
         joint: typical(servo, data.joints.index(joint), data.train, motions)
@@ -121,7 +121,7 @@ def _task(found: ServoIdentification, data: ServoData) -> _Task:
     return _Task(found, found.model, data, rows, sets, sizes)
 
 
-def _fitted(task: _Task, model: NamedModel, before: Mapping[str, _Fitted]) -> _Fitted:
+def _fitted(task: _Task, model: NamedModel, before: Mapping[str, _FittedModel]) -> _FittedModel:
     """Fit from the best of the starts."""
     assert task.found.start is not None
     begin = time.process_time()
@@ -132,10 +132,10 @@ def _fitted(task: _Task, model: NamedModel, before: Mapping[str, _Fitted]) -> _F
         coarse = [fit_candidate(task.model, task.data.train, one, 0.0, STEPS, coarse=True) for one in tries]
         tries = [min(coarse, key=lambda end: float(np.nansum(np.log(end[1].residual_rms))))[0]]
     candidate, fit = fit_candidate(task.model, task.data.train, tries[0], 0.0, relinearise=True)
-    return _Fitted(model, candidate.follow(fit.servos), fit, time.process_time() - begin)
+    return _FittedModel(model, candidate.follow(fit.servos), fit, time.process_time() - begin)
 
 
-def _compared(task: _Task, fitted: Sequence[_Fitted]) -> Iterator[FrictionModel]:
+def _compared(task: _Task, fitted: Sequence[_FittedModel]) -> Iterator[FrictionModel]:
     """Errors and evidence of fitted models."""
     data = task.data
     driven = [data.joints.index(joint) for joint in fitted[0].fit.servos]
@@ -178,7 +178,7 @@ def _price(task: _Task, fit: ServoFit, common: set[tuple[str, str]]) -> float:
     return price_of(fit.information, new, sizes, task.rows)
 
 
-def _numbers(task: _Task, one: _Fitted, joint: str) -> dict[str, ServoNumber]:
+def _numbers(task: _Task, one: _FittedModel, joint: str) -> dict[str, ServoNumber]:
     """Free numbers of a joint; those that the recordings do not identify have no value."""
     servo, prismatic = one.fit.servos[joint], task.model.robot.prismatic[task.model.robot.index(joint)]
     names, covariance = block(one.fit, joint)

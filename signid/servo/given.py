@@ -20,7 +20,7 @@ POSITIVE = ("kp", *LIMIT_KEYS)  # numbers that cannot be zero
 EXAMPLES = {"known": "kp=20", "prior": "armature=.01+-.005", "bounds": "kp=5..30"}
 T = TypeVar("T")
 STALLED = ("duty", "torque_speed")  # laws whose limit is the stall torque
-OWN = "torque_offset"  # number of a joint alone: it contains the zero error of the command
+UNSHARED = "torque_offset"  # number of a joint alone: it contains the zero error of the command
 Name = tuple[str, str]  # joint, number
 
 
@@ -168,7 +168,7 @@ def _spread(given: Mapping[Name, T], groups: Sequence[Sequence[str]], what: str)
     """The same with what is given for one of several equal joints at all of them."""
     out = dict(given)
     for members in groups:
-        for number in (name for name in SERVO_NUMBERS if name != OWN):
+        for number in (name for name in SERVO_NUMBERS if name != UNSHARED):
             values = [given[joint, number] for joint in members if (joint, number) in given]
             if any(value != values[0] for value in values):
                 raise OptionError(f"{shorten(members)} are equal, and have different {what} of {number}; give one")
@@ -255,7 +255,7 @@ class Bounds(NamedTuple):
 class Assumptions:
     """What is stated or assumed of drives; each number, prior and range stands at every joint that it holds for."""
 
-    equal: tuple[tuple[str, ...], ...] = ()  # joints whose numbers, but OWN, are one number each
+    equal: tuple[tuple[str, ...], ...] = ()  # joints whose numbers, but UNSHARED, are one number each
     priors: Mapping[Name, Prior] = field(default_factory=dict)
     bounds: Mapping[Name, Bounds] = field(default_factory=dict)
     masses_error: float = 0.0  # [1] standard deviation of the masses that set the scale, over them

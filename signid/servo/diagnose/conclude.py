@@ -44,7 +44,13 @@ def conclude(
     left = [x for joints, one, unseen in found for x in _unexplained(data, joints, one, unseen, noise)]
     causes = any(finding.role == "cause" for finding in findings)
     verdict = "named" if causes else "unknown" if left else "nothing_missing"
-    return tuple(findings), tuple(left), verdict, [*_flags(findings), *_poorly(data, found, noise)]
+    poor = [
+        f"{', '.join(step.law.effect for step in one.steps)}: {100 * rest[1]:.0f} % of the mismatch of "
+        f"{data.joints[joints[rest[0]]]} remains, so another law is missing, too or instead"
+        for joints, one, _ in found
+        if (rest := _poor(one, noise[list(joints)]))
+    ]
+    return tuple(findings), tuple(left), verdict, [*_flags(findings), *poor]
 
 
 def fits(model: Model, data: ServoData, found: Found, noise: Array, last: bool) -> PositionFit:
@@ -109,16 +115,6 @@ def _poor(one: GroupSearch, noise: Array) -> tuple[int, float] | None:
     j = int(np.argmax(before / noise))
     poor = one.steps and after[j] > UNEXPLAINED_RATIO * noise[j] and after[j] > MOST_LEFT * before[j]
     return (j, float(after[j] / before[j])) if poor else None
-
-
-def _poorly(data: ServoData, found: Found, noise: Array) -> Iterator[str]:
-    """A sentence on each group whose laws leave most of the mismatch."""
-    for joints, one, _ in found:
-        if left := _poor(one, noise[list(joints)]):
-            yield (
-                f"{', '.join(step.law.effect for step in one.steps)}: {100 * left[1]:.0f} % of the mismatch of "
-                f"{data.joints[joints[left[0]]]} remains, so another law is missing, too or instead"
-            )
 
 
 def _numbers(one: GroupSearch, step: Step) -> dict[str, FoundNumber]:

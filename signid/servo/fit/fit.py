@@ -17,7 +17,7 @@ from ...frozen import Frozen
 from ...model import Model
 from ...servos import LOOP_NUMBERS, Servo, ServoGrid
 from ...types import Array, Mask, Robot
-from ..given import OWN, Assumptions, Name, unions
+from ..given import UNSHARED, Assumptions, Name, unions
 from ..plant.course import (
     FIT_SUBSTEP,
     SEARCH_SUBSTEP,
@@ -206,7 +206,7 @@ def _fit_group(
     equal = [[joint for joint in members if joint in names] for members in task.assumptions.equal]
     same: dict[str, list[int]] = {}
     for number in LOOP_NUMBERS:  # labels of the joints: those with the same one share the number
-        shared = unions([*([name] for name in names), *(filter(None, equal) if number != OWN else ())])
+        shared = unions([*([name] for name in names), *(filter(None, equal) if number != UNSHARED else ())])
         same[number] = [next(k for k, members in enumerate(shared) if name in members) for name in names]
     usual = [task.usual.get(name, 0.0) for name in names]
     assumed = task.assumptions

@@ -16,12 +16,12 @@ from ...robot.joints import name_pattern, similar_joints
 from ...servos import PASSIVE_LAWS, SERVO_NUMBERS, SUM_PARTS, Servo, ServoGrid
 from ...types import Array, Robot
 from ..fit import ServoFit, fit_servos, start_limits
-from ..given import OWN
+from ..given import UNSHARED
 from ..plant.course import recorded_course
 from ..plant.roll_out import roll_out_along
 from ..search.choice import SHORT_WINDOW, Candidate, Estimates, ServoProblem, ServoTrial
 from ..search.data import ServoData, loop_error, position_noise
-from ..search.laws import LIMIT_RESIDUAL_RATIO, STEPS, largest_torques, limited
+from ..search.laws import LIMIT_RESIDUAL_RATIO, LIMIT_STEPS, largest_torques, limited
 from .fits import (
     Stated,
     alternatives,
@@ -134,11 +134,11 @@ def conclude(problem: ServoProblem, judged: JudgedFit, trial: ServoTrial) -> Ser
     added += far_flags(judged.errors)
     whole = dict.fromkeys(SUM_PARTS["damping"], "damping")  # kd as part of it
     lost = {(one.joint, name) for one in joints for name, number in one.numbers.items() if number.value is None}
-    apart = {
-        joint: {name: x for name, x in of.items() if (joint, whole.get(name, name)) not in lost and name != OWN}
+    unequal = {
+        joint: {name: x for name, x in of.items() if (joint, whole.get(name, name)) not in lost and name != UNSHARED}
         for joint, of in problem.unequal.items()
     }
-    added += unequal_flags(apart, assumed.equal)
+    added += unequal_flags(unequal, assumed.equal)
     unsure = [joint for joint, fact in facts.items() if fact.held_out_torque > 0]
     notes = (*joint_notes(joints), *law_notes(joints, assumed.laws, [*limited, *unsure]), *prior_notes(joints))
     notes = (*notes, *assumption_notes(assumed, fit.free))
@@ -178,18 +178,15 @@ def varying_drives(joints: Sequence[ServoJoint], fit: ServoFit) -> Iterator[Vary
                 break
 
 
-def _estimates(one: ServoJoint) -> dict[str, tuple[float, float]]:
+def _estimates(drive: ServoJoint) -> Estimates:
     """Measured numbers of a drive with their standard deviations, but the sum lag and the offset of the joint alone.
 
     None of a joint with a number at its bound, since the others hold only for that value.
     """
-    if any(number.at_bound for number in one.numbers.values()):
+    numbers = {name: x for name, x in drive.numbers.items() if "/" not in name and name not in ("lag", UNSHARED)}
+    if any(number.at_bound for number in drive.numbers.values()):
         return {}
-    return {
-        name: (number.value, number.std)
-        for name, number in one.numbers.items()
-        if number.value is not None and number.std and not number.prior and "/" not in name and name not in ("lag", OWN)
-    }
+    return {name: (x.value, x.std) for name, x in numbers.items() if x.value is not None and x.std and not x.prior}
 
 
 def _mark(servos: Mapping[str, Servo], joints: Sequence[ServoJoint], stated: Stated, robot: Robot) -> dict[str, Servo]:
@@ -339,7 +336,7 @@ def _limits(
             coarse=True,
         )
 
-    found = fitted(start.servos, [(joint, "effort_limit") for joint in joints], STEPS).servos
+    found = fitted(start.servos, [(joint, "effort_limit") for joint in joints], LIMIT_STEPS).servos
     without, limits = (fitted(drives, (), 0).residual_rms for drives in (servos, found))  # states as measured
     helps = dict(zip(data.joints, limits < LIMIT_RESIDUAL_RATIO * without, strict=True))
     return {joint: found[joint].effort_limit for joint in joints if helps[joint]}

@@ -20,13 +20,13 @@ from ..plant.course import bodies_of, recorded_course
 from ..search.data import ServoData
 from .result import ServoNumber
 
-FULL = 0.95  # duty from which a sample is left out of the slope
-LINEAR = 0.98  # share of the variance of the duty that the error explains
+FULL_DUTY = 0.95  # duty from which a sample is left out of the slope
+LINEAR_SHARE = 0.98  # share of the variance of the duty that the error explains
 OFF_SPEED = 0.02  # [rad/s or m/s] rms speed from which friction of a free joint acts
-ROWS = 50  # least number of samples
+MIN_DUTY_ROWS = 50  # least number of samples
 SLIDING = 0.05  # [rad/s or m/s] over which friction turns
-PARTS = 9  # of the damping of a drive
-POWER = 0.95  # share of the power of the commands below the frequency of the shortest period
+DAMPING_PARTS = 9  # of the damping of a drive
+POWER_SHARE = 0.95  # share of the power of the commands below the frequency of the shortest period
 LIGHT = 0.15  # share of the torque that is known load, below which the scale is not identifiable (MuJoCo so101)
 UNIQUE = 0.05  # the same for load that armature, friction and offset of the joint cannot give; at least
 LEAST_UNIQUE, UNIQUE_FACTOR = 0.01, 10.0  # this, and this multiple of the relative residual, where that is small
@@ -129,7 +129,7 @@ def reached_torque(
     the limit is unknown, and none does by the law `duty`. A limit that cuts fewer samples may remain unnoticed.
     """
     tried = list[tuple[float, float]]()
-    for damping in np.linspace(0.0, servo.damping, PARTS).tolist():
+    for damping in np.linspace(0.0, servo.damping, DAMPING_PARTS).tolist():
         torque = np.concatenate([demand(servo, g, v, joint, damping) for g, v in zip(grids, speeds, strict=True)])
         tried.append((float(np.quantile(np.abs(torque), 1 - RARE)), damping))
     least, part = min(tried)
@@ -157,7 +157,7 @@ def shortest_period(grids: Sequence[ServoGrid], joint: str) -> float:
     total = np.cumsum(power[order])
     if total[-1] < 1e-12:
         return np.inf
-    return float(1.0 / max(frequency[order][np.searchsorted(total, POWER * total[-1])], 1e-6))
+    return float(1.0 / max(frequency[order][np.searchsorted(total, POWER_SHARE * total[-1])], 1e-6))
 
 
 def full_duty_errors(robot: Robot, recordings: Sequence[Recording]) -> dict[str, float]:
@@ -171,7 +171,7 @@ def full_duty_errors(robot: Robot, recordings: Sequence[Recording]) -> dict[str,
         gain = servo_grids(recording, robot)[0].gain
         for j, joint in enumerate(recording.joints):
             error = gain[j] * (x.q_des[:, j] - x.q[:, j])
-            on = np.isfinite(error) & np.isfinite(pwm[:, j]) & (np.abs(pwm[:, j]) < FULL)
+            on = np.isfinite(error) & np.isfinite(pwm[:, j]) & (np.abs(pwm[:, j]) < FULL_DUTY)
             if x.servo is not None and x.servo.on is not None:
                 on &= x.servo.on[:, j] > 0.5
             pairs.setdefault(joint, []).append((error[on], pwm[on, j]))
@@ -188,11 +188,11 @@ def exceeded(grids: Sequence[ServoGrid], joint: str, error: float) -> float:
 
 def _error_of_one(error: Array, duty: Array) -> float:
     """Error of full duty; 0 unless the duty is proportional to the error."""
-    if len(error) < ROWS or not np.any(error):
+    if len(error) < MIN_DUTY_ROWS or not np.any(error):
         return 0.0
     slope = float(error @ duty / (error @ error))
     left = np.median(np.abs(duty - slope * error)) / 0.675
-    return 1.0 / slope if slope > 0 and left**2 < (1 - LINEAR) * np.mean(duty**2) else 0.0
+    return 1.0 / slope if slope > 0 and left**2 < (1 - LINEAR_SHARE) * np.mean(duty**2) else 0.0
 
 
 class Lost(NamedTuple):

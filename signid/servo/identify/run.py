@@ -21,7 +21,7 @@ from ...servos import Servo, ServoGrid
 from ...typed import typed
 from ...types import Array, Progress, Recording
 from ..fit import ServoFit, fit_servos, start_servos
-from ..given import OWN, Assumptions, given_texts
+from ..given import UNSHARED, Assumptions, given_texts
 from ..plant.course import FIT_SUBSTEP, bodies_of
 from ..search.choice import (
     EARLY_NUMBER,
@@ -54,8 +54,8 @@ from .result import LoggedRows, ServoIdentification
 
 WINDOW_ALONE, WINDOW_COUPLED = 1.0, 0.8  # [s] of windows; shorter ones do not identify limits (BAM XL330, Go2)
 START_LAW = "duty"  # its regression has one number less
-FINER = 0.7  # rows of the log over those of the grid [1], below which the grid averages known changes of commands
-SEARCHED, FITTED = 60_000, 180_000  # substeps times squared joints of a branch
+MAX_CONTENT_RATIO = 0.7  # [1] rows of the log over those of the grid, below which the grid averages known changes
+SEARCH_BUDGET, FIT_BUDGET = 60_000, 180_000  # substeps times squared joints of a branch
 LEAST_SHARE, LEAST_TIME = 0.1, 10.0  # of the rows, [s] a joint of a branch: the less of both is fitted (SO-101)
 NOT_REFITTED = "the model was not fitted again to the held-out rows"
 MOST_JOINTS = 7  # beyond them the search over signs and zeros is too long
@@ -65,7 +65,7 @@ CHANGES_PER_ROW = {2: 0.25, 4: 0.5}  # changes of the command in a row, and shif
 CHANGE_SHARE = 0.5  # share of rows with a new command, of those while it moves, from which it may change between rows
 CHANGE_ROWS = 5  # rows around a change of a command, in which it moves
 RMS_GROWTH, GROWTH_ERRORS = 1.05, 2.0  # of rms, and in standard errors over windows, that rule changes between rows out
-STEPS = 2  # most iterations of a fit
+TIMING_STEPS = 2  # most iterations of a fit
 LINEAR_LAWS = ("effort", "duty")  # the same law while nothing saturates
 FIRST_STEPS, LATER_STEPS = 4, 6  # most iterations from a fit with one number less, before it promises something, then
 PROMISING = 0.995  # error on the training data after the first of them, over that without the number
@@ -163,7 +163,7 @@ def started(
         if assumed.laws.get(joint, "duty") == "duty" and "effort_limit" not in assumed.fixed.get(joint, {})
     }
     assumed = replace(assumed, laws={**assumed.laws, **dict.fromkeys(assumed.with_peers(full_duty), "duty")})
-    most = rows_used(sets, data, SEARCHED)
+    most = rows_used(sets, data, SEARCH_BUDGET)
     folds = tuple((thinned(a, most), thinned(b, most)) for a, b in data.folds)
     searched = replace(data, train=thinned(data.train, most), folds=folds)
     plain, _ = command_model(model, {joint: Servo() for joint in data.driven}, complete=True)
@@ -190,7 +190,7 @@ def rows_used(sets: Sequence[Sequence[str]], data: ServoData, budget: int) -> in
     """Most rows of a fit within a budget of substeps times squared joints of the largest set, and at least some."""
     joints, grid = max(len(members) for members in sets), data.train[0]
     least = min(LEAST_SHARE * sum(map(len, data.train)), LEAST_TIME * joints * grid.rate)
-    return max(budget // (joints**2 * int(np.ceil(grid.step / FIT_SUBSTEP - 1e-9))), int(least * budget / FITTED))
+    return max(budget // (joints**2 * int(np.ceil(grid.step / FIT_SUBSTEP - 1e-9))), int(least * budget / FIT_BUDGET))
 
 
 def _logged_rows(recording: Recording) -> LoggedRows:
@@ -204,7 +204,7 @@ def _logged_rows(recording: Recording) -> LoggedRows:
 def fit_chosen(problem: ServoProblem, trial: ServoTrial) -> tuple[ServoProblem, ServoTrial, ServoFit]:
     """Chosen laws and numbers, fitted to more rows than the search; limits that many rows reach are fitted, too."""
     problem.say("fitting servos", 0.8)
-    final = replace(problem.data, train=thinned(problem.data.train, rows_used(problem.sets, problem.data, FITTED)))
+    final = replace(problem.data, train=thinned(problem.data.train, rows_used(problem.sets, problem.data, FIT_BUDGET)))
     fit = final_fit(problem, final, trial.candidate)
     rare = {j: error for j, error in problem.full_duty.items() if exceeded(problem.data.train, j, error) < RARE}
     if reached := [joint for joint in problem.full_duty if joint not in rare]:
@@ -218,7 +218,7 @@ def compare_assumptions(problem: ServoProblem, trial: ServoTrial, fit: ServoFit,
 
     content_rate: the least of the recordings [Hz].
     """
-    slow = FINER * content_rate < problem.data.train[0].rate
+    slow = MAX_CONTENT_RATIO * content_rate < problem.data.train[0].rate
     timing = command_timing(problem.model, problem.searched, fit, problem.options.window) if slow else {}
     return replace(problem, command_timing=timing, unequal=own_numbers(problem, fit, trial.candidate))
 
@@ -243,7 +243,7 @@ def fitted_again(problem: ServoProblem, judged: JudgedFit, candidate: Candidate)
     if worse_than_stated(before) or time_is_up("the fit of drives to all rows", answer=False):
         return judged
     everything = replace(data, train=(*data.train, *data.held_out))
-    rows = replace(everything, train=thinned(everything.train, rows_used(problem.sets, data, FITTED)))
+    rows = replace(everything, train=thinned(everything.train, rows_used(problem.sets, data, FIT_BUDGET)))
     fit = final_fit(problem, rows, candidate.follow(judged.fit.servos))
     after = replace(before, whole_rms=whole_rms(problem.model, fit.servos, data.held_out))
     worse = not np.nanmean(after.whole_rms**2) <= MAX_RMS_GROWTH**2 * np.nanmean(before.whole_rms**2)
@@ -327,7 +327,7 @@ def _squares(model: Model, data: ServoData, fit: ServoFit, changes: int, window:
         fit.free,
         window=window,
         relinearise=False,
-        iterations=STEPS,
+        iterations=TIMING_STEPS,
         scales=False,
         coarse=True,
     )
@@ -398,7 +398,7 @@ def _like_others(by: ServoProblem, base: ServoTrial) -> ServoTrial:
         like = [number for one, number in base.candidate.free if one == best]
         for joint in (one for one in members if base.residual[one] > RETRY_RATIO * base.residual[best]):
             own = {number for one, number in base.candidate.free if one == joint}
-            numbers = {name: getattr(start.servos[best], name) for name in {*own, *like} - {OWN}}
+            numbers = {name: getattr(start.servos[best], name) for name in {*own, *like} - {UNSHARED}}
             law = by.assumptions.laws.get(joint, start.servos[best].law)
             servo = replace(start.servos[joint], law=law).with_(**numbers)
             rest = tuple(one for one in start.free if one[0] != joint)

@@ -13,29 +13,29 @@ from ...robot.joints import similar_joints
 from ...servos import Servo, ServoGrid
 from ...types import Progress
 from ..fit import ServoFit, fit_servos
-from ..given import OWN, Assumptions, unions
+from ..given import UNSHARED, Assumptions, unions
 from ..plant.course import recorded_course
 from ..plant.roll_out import roll_out_along
 from .data import ServoData
 
-DRAWS = 2000  # Bayesian bootstrap (Rubin, Annals of Statistics 9(1), 1981)
+BOOTSTRAP_DRAWS = 2000  # Bayesian bootstrap (Rubin, Annals of Statistics 9(1), 1981)
 SCORE_TOLERANCE = 0.05  # log rms; closer scores count as equal
-PRIOR = {"torque_speed": 0.25}  # share of a law among equal ones; it contains `effort`
-GAIN = 0.01  # log rms that an additional number must save on windows that took no part
+LAW_PRIOR = {"torque_speed": 0.25}  # share of a law among equal ones; it contains `effort`
+MIN_LOG_GAIN = 0.01  # log rms that an additional number must save on windows that took no part
 SAVING_ERRORS = 2.0  # standard errors of that saving
 MAX_RMS_GROWTH = 1.02  # ratio by which the rms over all these windows may grow
-FLOOR = 1e-6  # [rad or m] rms below which windows are equally good
-WINDOW = 1.0  # [s] of the scores
-STEPS, REFIT = 15, 3  # most iterations on all training data, and from there without a fold
+MIN_SCORED_RMS = 1e-6  # [rad or m] rms below which windows are equally good
+SCORE_WINDOW = 1.0  # [s] of the scores
+STEPS, FOLD_STEPS = 15, 3  # most iterations on all training data, and from there without a fold
 SHORT_WINDOW = 0.2  # [s] of the first windows where drives saturate: nearly linear
 ROUNDS = 2  # fits in which a limit that is tied to kp follows it
 DIVERGED = 10.0  # [rad or m] an error beyond this counts as this
 TRIAL_ERROR_RATIO = 0.98  # error on the training data, over that without a number, from which it is cross-validated
 EARLY_NUMBER = "load_friction"  # tried before laws of joints that saturate rarely: else limits fit friction
 ADDITIONAL = (EARLY_NUMBER, "dead_band", "droop", "profile_speed")
-FACTORS = (2.0, 4.0, 16.0)  # of the windows, one after another
+WINDOW_FACTORS = (2.0, 4.0, 16.0)  # of the windows, one after another
 MIN_WINDOWS = 16  # windows in all recordings: fewer give no intervals
-LONGER = 8  # most iterations
+LONGER_STEPS = 8  # most iterations
 LONGER_WINDOW_RATIO = 1.15  # error of whole recordings over that of windows from which longer windows are tried
 WHOLE_ERROR_RATIO = 0.98  # error of whole recordings over that before, geometric mean of the joints, so that they stay
 Estimates = Mapping[str, tuple[float, float]]  # value and standard deviation by number [SERVO_UNITS]
@@ -74,7 +74,7 @@ class Candidate:
         """With the law, the free numbers and the mean of each number of equal joints."""
         servos, free = dict(self.servos), list(self.free)
         for members in ([j for j in group if j in servos] for group in self.assumptions.equal):
-            names = dict.fromkeys(name for joint, name in self.free if joint in members and name != OWN)
+            names = dict.fromkeys(name for joint, name in self.free if joint in members and name != UNSHARED)
             means = dict[str, float]()
             for name in names:
                 finite = [x for joint in members if np.isfinite(x := getattr(servos[joint], name))]
@@ -202,10 +202,10 @@ class ServoProblem:
         if not any(whole[joint] > LONGER_WINDOW_RATIO * trial.residual[joint] for joint in whole):
             return trial
         best, seconds = trial, sum(len(grid) / grid.rate for grid in grids)
-        for factor in FACTORS:
+        for factor in WINDOW_FACTORS:
             if seconds / (factor * window) < MIN_WINDOWS and factor * window > max(len(g) / g.rate for g in grids):
                 break
-            new = self.fit(replace(best.candidate, window=factor * window), LONGER)
+            new = self.fit(replace(best.candidate, window=factor * window), LONGER_STEPS)
             after = self._whole_rms(new.candidate)
             if np.mean([np.log(after[joint] / whole[joint]) for joint in whole]) > np.log(WHOLE_ERROR_RATIO):
                 break
@@ -233,7 +233,7 @@ class ServoProblem:
         part, window = trial.only(joints), self.options.window
         scores: dict[str, list[Array]] = {joint: [] for joint in part.residual}
         for learned, unseen in self.searched.folds:
-            candidate, _ = fit_candidate(self.model, learned, part.candidate, window, REFIT, rounds=1, coarse=True)
+            candidate, _ = fit_candidate(self.model, learned, part.candidate, window, FOLD_STEPS, rounds=1, coarse=True)
             for grid in unseen:
                 of_grid = roll_out_scores(self.model, candidate.servos, grid)
                 for joint in scores:
@@ -262,7 +262,7 @@ def roll_out_scores(model: Model, servos: Mapping[str, Servo], grid: ServoGrid) 
 
 def _seconds(grid: ServoGrid) -> list[slice]:
     """Rows of the windows of scores."""
-    step = round(WINDOW * grid.rate)
+    step = round(SCORE_WINDOW * grid.rate)
     return [slice(a, a + step) for a in range(0, max(len(grid) - step, 0) + 1, step)]
 
 
@@ -294,14 +294,14 @@ def supported(
         if len(others) == 1:
             mirrors = [np.nanmean(saved[j]) for j in kind.get(joint, ()) if j != joint]
             others = [np.array([np.mean(mirrors)])] if mirrors else []
-        kept += [joint] if all(np.nanmean(rest) > GAIN for rest in others) else []
+        kept += [joint] if all(np.nanmean(rest) > MIN_LOG_GAIN for rest in others) else []
     return kept
 
 
 def window_scores(error: Array, windows: Sequence[slice]) -> Array:
     """Log rms (W, n) of a simulation error (N, n) [rad or m] over windows of rows; NaN where a window has no rows."""
     rows = [np.sqrt(np.nanmean(error[window] ** 2, axis=0)) for window in windows if len(error[window])]
-    return np.asarray(np.log(np.maximum(np.array(rows).reshape(-1, error.shape[1]), FLOOR)))
+    return np.asarray(np.log(np.maximum(np.array(rows).reshape(-1, error.shape[1]), MIN_SCORED_RMS)))
 
 
 def law_probabilities(scores: Mapping[str, Array], seed: int = 0) -> dict[str, float]:
@@ -311,16 +311,16 @@ def law_probabilities(scores: Mapping[str, Array], seed: int = 0) -> dict[str, f
     probability, but for `torque_speed`, which is `effort` with one number more; few windows never give certainty.
     """
     laws = list(scores)
-    prior = np.array([PRIOR.get(law, 1.0) for law in laws])
+    prior = np.array([LAW_PRIOR.get(law, 1.0) for law in laws])
     values = np.array([scores[law] for law in laws], float).reshape(len(laws), -1)
     values = values[:, np.isfinite(values).all(axis=0)]
     if values.shape[1] == 0:
         return {law: 1.0 / len(laws) for law in laws}
-    weights = np.random.default_rng(seed).dirichlet(np.ones(values.shape[1]), DRAWS)
+    weights = np.random.default_rng(seed).dirichlet(np.ones(values.shape[1]), BOOTSTRAP_DRAWS)
     top = np.exp(2 * (values - values.max()))
     # Heuristic, not derived: mean log rms is a score of typical windows, the log of rms over all is one of the few
     # windows where a limit acts; a law must do well in both, so they count alike.
-    means = (weights @ values.T + 0.5 * np.log(weights @ top.T)) / 2  # (DRAWS, laws)
+    means = (weights @ values.T + 0.5 * np.log(weights @ top.T)) / 2  # (BOOTSTRAP_DRAWS, laws)
     best = prior * (means <= means.min(axis=1, keepdims=True) + SCORE_TOLERANCE)
     share = np.mean(best / best.sum(axis=1, keepdims=True), axis=0)
     count = values.shape[1]
@@ -338,4 +338,4 @@ def improves(before: Array, after: Array) -> bool:
         return False
     error = saved.std(ddof=1) / np.sqrt(len(saved))
     loud = np.nanmean(np.exp(2 * after)) <= MAX_RMS_GROWTH**2 * np.nanmean(np.exp(2 * before))
-    return bool(loud and saved.mean() > GAIN and saved.mean() > SAVING_ERRORS * error)
+    return bool(loud and saved.mean() > MIN_LOG_GAIN and saved.mean() > SAVING_ERRORS * error)

@@ -17,7 +17,7 @@ SHORT_STEPS = 6  # most iterations over short windows
 NEAR_TOP = 0.9  # second start of a limit, over the largest torque that the loop asks for
 SPEED_RATIO = 3.0  # largest speed of a torque-speed law over that of the motion from which it is the effort law
 INSIDE = 0.15  # share of the damping inside the limit below which effort and duty are the same law
-EARLY, STEPS = 3, 8  # most iterations, before limits promise something and in all
+FIRST_LIMIT_STEPS, LIMIT_STEPS = 3, 8  # most iterations, before limits promise something and in all
 PROMISING = 0.95  # residual over that without a limit after the first of them
 REGRESSED = ("kp", "kd", "delay", "coulomb_friction", "armature", "torque_offset")  # numbers of a regression
 LIMIT_RESIDUAL_RATIO = 0.8  # residual over that without a limit from which the laws of a joint are tried
@@ -163,10 +163,10 @@ def rare_limits(by: ServoProblem, base: ServoTrial) -> tuple[ServoProblem, list[
     for law in DRIVE_LAWS:  # of a joint: its stated one, or else the first
         mine = {j: limit for j, limit in found.items() if by.assumptions.laws.get(j, DRIVE_LAWS[0]) == law}
         start = limited(start, mine, law)
-    new = by.fit(start, EARLY)
+    new = by.fit(start, FIRST_LIMIT_STEPS)
     if not worth(base, new, joints, PROMISING):
         return by, []
-    new = by.fit(new.candidate, STEPS - EARLY)
+    new = by.fit(new.candidate, LIMIT_STEPS - FIRST_LIMIT_STEPS)
     kept = worth(base, new, joints, LIMIT_RESIDUAL_RATIO)
     drives = {joint: new.candidate.servos[joint] for joint in kept}
     return replace(by, limited={law: candidate.changed(drives) for law, candidate in by.limited.items()}), kept

@@ -31,7 +31,9 @@ MIN_USABLE_ROWS = 40  # usable rows of a joint; a joint with fewer is not used
 RECORDINGS = 6  # least number of recordings of which each is one block
 FLOOR = 1e-5  # [rad or m] rms error that counts as none
 MAX_MU = 1.5  # largest friction by load, of the load; gears of servos hold their load without current (SO-101)
-OWN = 0.004  # [rad or m] standard deviation of a loop's error at rest without load: q and q_des share their zero
+REST_ERROR_STD = (
+    0.004  # [rad or m] standard deviation of a loop's error at rest without load: q and q_des share their zero
+)
 ROWS_PER_SAMPLE = 20  # rows whose errors count as one in the weight of that knowledge
 TINY = 1e-30
 
@@ -235,7 +237,7 @@ def _stacked(rows: ZeroRows, j: int, use: Mask, weight: Array) -> tuple[Array, A
     error, columns = rows.error[use, j] * weight, fixed_columns(rows, j, use) * weight[:, None]
     free = np.column_stack([columns, columns[:, 1] * np.abs(rows.q[use, j])])
     noise = np.std(error - free @ np.linalg.lstsq(free, error, rcond=None)[0]) + FLOOR
-    columns = np.vstack([columns, [0, 0, 0, 0, noise * np.sqrt(ROWS_PER_SAMPLE) / OWN]])
+    columns = np.vstack([columns, [0, 0, 0, 0, noise * np.sqrt(ROWS_PER_SAMPLE) / REST_ERROR_STD]])
     return columns, np.append(error, 0.0), np.append(rows.slide[use, j], 0.0)
 
 
