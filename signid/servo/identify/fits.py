@@ -97,14 +97,8 @@ def own_numbers(problem: ServoProblem, fit: ServoFit, candidate: Candidate) -> d
 def block(fit: ServoFit, joint: str) -> tuple[tuple[str, ...], Array]:
     """Free numbers of a joint within their bounds, and their covariance; a shared number counts for each joint."""
     owned = enumerate(zip(fit.owners, fit.at_bound, strict=True))
-    own = [k for k, (joints, bound) in owned if joint in joints and not bound]
-    return tuple(fit.names[k][1] for k in own), np.asarray(fit.covariance[np.ix_(own, own)])
-
-
-def number_at_bound(fit: ServoFit, joint: str) -> list[str]:
-    """Numbers of a joint that stand at their bounds."""
-    each = zip(fit.names, fit.owners, fit.at_bound, strict=True)
-    return [number for (_, number), joints, bound in each if bound and joint in joints]
+    rows = [k for k, (joints, bound) in owned if joint in joints and not bound]
+    return tuple(fit.names[k][1] for k in rows), np.asarray(fit.covariance[np.ix_(rows, rows)])
 
 
 def closed_loops(
@@ -129,14 +123,14 @@ def closed_loops(
     joints, measured = grids[0].joints, np.vstack([grid.q for grid in grids])
     driven = np.array([joint in servos for joint in joints]) & np.any([grid.driven for grid in grids], axis=0)
     units = tuple("m" if model.robot.prismatic[model.robot.index(joint)] else "rad" for joint in joints)
-    own, own_short, usual, usual_short = (
-        _rms(np.vstack(each) - measured, driven) for each in zip(*positions, strict=True)
-    )
-    if nominal is not None and np.isinf(usual).any():
+    errors = [np.vstack(each) - measured for each in zip(*positions, strict=True)]
+    rms, short_rms, nominal_rms, nominal_short_rms = (_rms(error, driven) for error in errors)
+    if nominal is not None and np.isinf(nominal_rms).any():
         return closed_loops(model, servos, grids, held_out)
     name = IDEAL if nominal is None else STATED
     tracking = _rms(np.vstack([grid.command - grid.q for grid in grids]), driven)
-    return ServoRollOut(joints, units, own, own_short, usual, usual_short, name, held_out, tracking), tuple(traces)
+    rolled = ServoRollOut(joints, units, rms, short_rms, nominal_rms, nominal_short_rms, name, held_out, tracking)
+    return rolled, tuple(traces)
 
 
 def _both(model: Model, servos: Mapping[str, Servo], grid: ServoGrid) -> tuple[Array, Array]:
@@ -225,7 +219,7 @@ def implied_ratios(
     servos: identified with the masses of the description; std: of their kp where it is identifiable [N.m/rad];
     stated: kp by joint [N.m/rad].
     """
-    found = []
+    notable = []
     for members in sets:
         used = [j for j in members if stated.get(j, 0) > 0 and 0 < std.get(j, 0) < VAGUE * servos[j].kp]
         if not used:
@@ -233,8 +227,8 @@ def implied_ratios(
         kp, spread, nominal = (np.array([of[j] for j in used]) for of in ({j: servos[j].kp for j in used}, std, stated))
         ratio, error = mass_ratio(kp, spread, nominal)
         if max(ratio, 1 / ratio) > NOTABLE and abs(np.log(ratio)) > FEW_DEVIATIONS * error / ratio:
-            found.append((members, ratio, error))
-    return found
+            notable.append((members, ratio, error))
+    return notable
 
 
 def alternatives(
@@ -244,15 +238,15 @@ def alternatives(
 
     Sets whose masses would change by the same factor, within its uncertainty, share a sentence.
     """
-    found, said = implied_ratios(sets, servos, std, stated), []
-    if len(found) == len(sets) > 1:
-        logs = np.log([ratio for _, ratio, _ in found])
-        weight = np.array([(ratio / error) ** 2 for _, ratio, error in found])
+    notable, said = implied_ratios(sets, servos, std, stated), []
+    if len(notable) == len(sets) > 1:
+        logs = np.log([ratio for _, ratio, _ in notable])
+        weight = np.array([(ratio / error) ** 2 for _, ratio, error in notable])
         mean = float(np.average(logs, weights=weight))
-        if chi2.sf(np.sum(weight * (logs - mean) ** 2), len(found) - 1) > COMMON:
-            every = [joint for members, _, _ in found for joint in members]
-            found = [(every, float(np.exp(mean)), float(np.exp(mean) / np.sqrt(weight.sum())))]
-    for members, ratio, error in found:
+        if chi2.sf(np.sum(weight * (logs - mean) ** 2), len(notable) - 1) > COMMON:
+            every = [joint for members, _, _ in notable for joint in members]
+            notable = [(every, float(np.exp(mean)), float(np.exp(mean) / np.sqrt(weight.sum())))]
+    for members, ratio, error in notable:
         gains = [stated[j] for j in members if j in stated]
         each = ", ".join(dict.fromkeys(f"{gain:.4g}" for gain in gains))
         which = f"the part that {shorten(list(members))} move{'s' if len(members) == 1 else ''}"
@@ -298,15 +292,15 @@ def stated_laws(
     if wrong := [law for law in given.values() if law not in DRIVE_LAWS]:
         raise OptionError(f"law {wrong[0]!r} is none of {', '.join(DRIVE_LAWS)}")
     filed = {joint: str(_entries(robot, joint)["law"]) for joint in joints if "law" in _entries(robot, joint)}
-    found = {**filed, **given}
+    laws_of = {**filed, **given}
     for members in assumptions.equal:
-        stated = {found[joint] for joint in members if joint in found}
+        stated = {laws_of[joint] for joint in members if joint in laws_of}
         if len(stated) > 1:
             raise OptionError(
                 f"{shorten(members)} are equal, and have the laws {' and '.join(sorted(stated))}; give one"
             )
-        found |= {joint: law for joint in members for law in stated}
-    return found
+        laws_of |= {joint: law for joint in members for law in stated}
+    return laws_of
 
 
 def first_candidate(
@@ -319,7 +313,7 @@ def first_candidate(
     started, free, fixed = {}, list[tuple[str, str]](), assumptions.fixed
     for joint, servo in servos.items():
         numbers, nominal = fixed.get(joint, {}), stated_drive(robot, joint)
-        means = {name: prior.mean for (one, name), prior in assumptions.priors.items() if one == joint}
+        means = {name: prior.mean for (owner, name), prior in assumptions.priors.items() if owner == joint}
         if "kp" in numbers and servo.kp > 0:
             scale = numbers["kp"] / servo.kp
             servo = servo.with_(**{key: scale * getattr(servo, key) for key in ("kd", "coulomb_friction", "armature")})

@@ -9,15 +9,16 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import decimals, shorten
-from ...model import Model
 from ...parameters import Array
 from ...robot.joints import similar_joints
 from ...servos import LOOP_UNITS, SERVO_UNITS, SUM_PARTS, Servo, ServoGrid
 from ...types import Recording, Robot
+from ..fit import ServoFit
 from ..given import Bounds, Prior
 from ..plant import servo_grids
 from ..plant.course import bodies_of, recorded_course
-from ..search.data import ServoData
+from ..search.choice import ServoProblem
+from ..search.data import ServoData, loop_error
 from .result import ServoNumber
 
 FULL_DUTY = 0.95  # duty from which a sample is left out of the slope
@@ -52,36 +53,41 @@ WAVE = "kp/armature"  # upside down: squared angular frequency of the unloaded j
 Name = tuple[str, str]  # joint, number
 
 
-def joint_facts(
-    model: Model,
-    data: ServoData,
-    servos: Mapping[str, Servo],
-    saturated: Mapping[str, float],
-    stated: Mapping[str, Mapping[str, float]],
-    scale_known: bool,
-) -> dict[str, JointFacts]:
-    """Facts of each servo joint. saturated: share of saturated samples by joint [1]."""
-    robot, courses = bodies_of(model, data.joints), [recorded_course(model, grid) for grid in data.train]
-    loads = np.vstack([one.torque for one in courses])
-    v, a = (np.vstack([getattr(one.motion, key) for one in courses]) for key in "va")
-    facts = {}
-    for joint, servo in servos.items():
+def facts_of(problem: ServoProblem, fit: ServoFit) -> dict[str, JointFacts]:
+    """Facts of each servo joint in the rows of a fit."""
+    data, assumed, fixed = problem.data, problem.assumptions, problem.assumptions.fixed
+    robot, courses = (
+        bodies_of(problem.model, data.joints),
+        [recorded_course(problem.model, grid) for grid in data.train],
+    )
+    loads = np.vstack([along.torque for along in courses])
+    v, a = (np.vstack([getattr(along.motion, key) for along in courses]) for key in "va")
+    bounds_of_fit, facts = list(zip(fit.names, fit.owners, fit.at_bound, strict=True)), dict[str, JointFacts]()
+    for joint, servo in fit.servos.items():
         j = data.joints.index(joint)
-        reached, damping = reached_torque(servo, data.train, [one.motion.v[:, j] for one in courses], j)
+        reached, damping = reached_torque(servo, data.train, [along.motion.v[:, j] for along in courses], j)
         share, unique = known_load_share(loads[:, j], v[:, j], a[:, j], servo)
+        by_masses = "kp" not in fixed.get(joint, {}) and (joint, "kp") not in assumed.priors
         facts[joint] = JointFacts(
             joint,
             prismatic=bool(robot.prismatic[j]),
-            scale_known=scale_known,
+            scale_known=assumed.scale != "nothing",
             known_load_share=share,
             unique_load_share=unique,
-            masses_set_scale="kp" not in stated.get(joint, {}),
-            saturated_share=float(np.nan_to_num(saturated.get(joint, 0.0))),
+            masses_set_scale=by_masses,
+            masses_error=assumed.masses_error * by_masses,
+            saturated_share=float(np.nan_to_num(fit.saturated_share[j])),
             largest_torque=reached,
             drive_damping=damping,
             torque_off=moves_while_off(data, joint),
             command_speed=servo.kd_on == "error",
-            stated=stated.get(joint, {}),
+            command_timing=problem.command_timing.get(joint, 0.0),
+            full_duty_error=problem.full_duty.get(joint, 0.0),
+            stated=fixed.get(joint, {}),
+            priors={name: prior for (owner, name), prior in assumed.priors.items() if owner == joint},
+            bounds={name: bounds for (owner, name), bounds in assumed.bounds.items() if owner == joint},
+            at_bound=frozenset(name for (_, name), owners, at_bound in bounds_of_fit if at_bound and joint in owners),
+            unexplained=float(fit.residual_rms[j]) / max(loop_error(data, joint), 1e-12),
         )
     for members in similar_joints(tuple(facts)):  # a kp that is far too small makes the load of its joint look large
         for name in ("known_load_share", "unique_load_share"):

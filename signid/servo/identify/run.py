@@ -37,7 +37,7 @@ from ..search.choice import (
 from ..search.data import ServoData, loop_error, servo_data, thinned
 from ..search.laws import rare_limits, try_laws
 from ..zeros.run import P_SIGN, JointZero, find_zeros, turns
-from .conclude import JudgedFit, conclude, facts_of, judge
+from .conclude import JudgedFit, conclude, judge
 from .fits import (
     connected_sets,
     final_fit,
@@ -49,7 +49,7 @@ from .fits import (
     whole_rms,
 )
 from .flags import worse_than_stated
-from .identifiable import RARE, exceeded, full_duty_errors
+from .identifiable import RARE, exceeded, facts_of, full_duty_errors
 from .result import LoggedRows, ServoIdentification
 
 WINDOW_ALONE, WINDOW_COUPLED = 1.0, 0.8  # [s] of windows; shorter ones do not identify limits (BAM XL330, Go2)
@@ -119,7 +119,7 @@ def identify_servos(
         RecordingError: no joint has commands, or a recording is too short.
     """
     model = as_model(robot if isinstance(robot, Model) else as_robot(robot, "identify_servos"), "identify_servos")
-    given, unseen = (as_recordings(some, model.robot, "identify_servos") for some in (recordings, held_out))
+    given, unseen = (as_recordings(source, model.robot, "identify_servos") for source in (recordings, held_out))
     only_once((*given, *unseen))
     options = options or ServoOptions()
     data = servo_data(model.robot, given, unseen, options.rate)
@@ -138,8 +138,8 @@ def identify_servos(
     judged = judge(problem, fit)
     if not unseen if refit is None else refit:
         judged = fitted_again(problem, judged, trial.candidate)
-    found = conclude(problem, judged, trial)
-    return replace(found, logs=logs, zeros=zeros, notes=(*found.notes, *notes, *judged.notes))
+    result = conclude(problem, judged, trial)
+    return replace(result, logs=logs, zeros=zeros, notes=(*result.notes, *notes, *judged.notes))
 
 
 def started(
@@ -219,7 +219,7 @@ def compare_assumptions(problem: ServoProblem, trial: ServoTrial, fit: ServoFit,
     content_rate: the least of the recordings [Hz].
     """
     slow = MAX_CONTENT_RATIO * content_rate < problem.data.train[0].rate
-    timing = command_timing(problem.model, problem.searched, fit, problem.options.window) if slow else {}
+    timing = command_timing(problem, fit) if slow else {}
     return replace(problem, command_timing=timing, unequal=own_numbers(problem, fit, trial.candidate))
 
 
@@ -268,8 +268,8 @@ def joint_zeros(problem: ServoProblem) -> tuple[tuple[JointZero, ...], tuple[str
         note = f"signs and zeros of positions are not compared with gravity: {len(turning)} joints are too many"
         return (), (note,)
     zeros = find_zeros(robot, data.train, driven, problem.options.seed)
-    lost = [one.joint for one in zeros if not one.identifiable]
-    if not lost or not any(one.changed for one in zeros):
+    lost = [zero.joint for zero in zeros if not zero.identifiable]
+    if not lost or not any(zero.changed for zero in zeros):
         return zeros, ()
     note = f"{shorten(lost)}: sign and zero of the position are not identifiable; gravity hardly depends on them"
     return zeros, (note,)
@@ -297,35 +297,39 @@ def zero_flags(zeros: Sequence[JointZero], columns: Mapping[str, str]) -> Iterat
         )
 
 
-def command_timing(model: Model, data: ServoData, fit: ServoFit, window: float) -> dict[str, float]:
+def command_timing(problem: ServoProblem, fit: ServoFit) -> dict[str, float]:
     """Time [s] by which the delay of each joint may be longer, as its commands may change between rows; 0 if not."""
-    suspects = [joint for joint in fit.servos if _changes(data.train, data.joints.index(joint)) > CHANGE_SHARE]
-    found = dict.fromkeys(fit.servos, 0.0)
+    data, suspects, longer = problem.searched, list[str](), dict.fromkeys(fit.servos, 0.0)
+    for joint in fit.servos:
+        new = [np.diff(grid.command[:, data.joints.index(joint)]) != 0 for grid in data.train]
+        near = [np.convolve(x, np.ones(2 * CHANGE_ROWS + 1), "same") > 0.5 for x in new]
+        if sum(x.sum() for x in new) > CHANGE_SHARE * max(sum(x.sum() for x in near), 1):
+            suspects.append(joint)
     if not suspects or not fit.names:
-        return found
-    held = _squares(model, data, fit, 1, window)
+        return longer
+    held = _squares(problem, fit, 1)
     for changes, shift in CHANGES_PER_ROW.items():
-        worse = _squares(model, data, fit, changes, window) - held
+        worse = _squares(problem, fit, changes) - held
         for joint in suspects:
             j = data.joints.index(joint)
-            own, base = worse[:, j], float(np.mean(held[:, j]))
-            error = own.std(ddof=1) / np.sqrt(len(own)) if len(own) > 1 else np.inf
-            if not (own.mean() > GROWTH_ERRORS * error and own.mean() > (RMS_GROWTH**2 - 1) * base):
-                found[joint] = shift * data.train[0].step
-    return found
+            growth, base = worse[:, j], float(np.mean(held[:, j]))
+            error = growth.std(ddof=1) / np.sqrt(len(growth)) if len(growth) > 1 else np.inf
+            if not (growth.mean() > GROWTH_ERRORS * error and growth.mean() > (RMS_GROWTH**2 - 1) * base):
+                longer[joint] = shift * data.train[0].step
+    return longer
 
 
-def _squares(model: Model, data: ServoData, fit: ServoFit, changes: int, window: float) -> Array:
+def _squares(problem: ServoProblem, fit: ServoFit, changes: int) -> Array:
     """Mean squares (W, n) [rad2 or m2] of windows, fitted with a number of `changes` of the command in each row."""
-    late = CHANGES_PER_ROW.get(changes, 0.0) * data.train[0].step
+    grids = problem.searched.train
+    late = CHANGES_PER_ROW.get(changes, 0.0) * grids[0].step
     servos = {joint: servo.with_(delay=servo.delay + late) for joint, servo in fit.servos.items()}
-    grids = [_refined(grid, changes) for grid in data.train]
     new = fit_servos(
-        model,
-        grids,
+        problem.model,
+        [_refined(grid, changes) for grid in grids],
         servos,
         fit.free,
-        window=window,
+        window=problem.options.window,
         relinearise=False,
         iterations=TIMING_STEPS,
         scales=False,
@@ -350,13 +354,6 @@ def _refined(grid: ServoGrid, changes: int) -> ServoGrid:
         command_speed=None if speed is None else speed[kept],
         feed_forward=None if forward is None else forward[kept],
     )
-
-
-def _changes(grids: Sequence[ServoGrid], joint: int) -> float:
-    """Share of rows with a new command, of those near a change [1]."""
-    new = [np.diff(grid.command[:, joint]) != 0 for grid in grids]
-    near = [np.convolve(x, np.ones(2 * CHANGE_ROWS + 1), "same") > 0.5 for x in new]
-    return float(sum(x.sum() for x in new) / max(sum(x.sum() for x in near), 1))
 
 
 def search(by: ServoProblem) -> ServoTrial:

@@ -215,7 +215,7 @@ class ServoProblem:
     def shorten(self, trial: ServoTrial) -> ServoTrial:
         """Fit again over short windows, whose cost is smooth, unless whole recordings are then fitted worse."""
         new = self.fit(replace(trial.candidate, window=0.0))
-        before, after = (self._whole_rms(one.candidate) for one in (trial, new))
+        before, after = (self._whole_rms(end.candidate) for end in (trial, new))
         return trial if np.mean([np.log(after[joint] / before[joint]) for joint in before]) > 0.0 else new
 
     def _whole_rms(self, candidate: Candidate) -> dict[str, float]:

@@ -65,9 +65,14 @@ def servo_data(
         *grids, last = grids
         unseen = list(last)
     else:
-        first, unseen = _cut(grids[0], TRAINING_SHARE)
+        left, first, unseen = round(TRAINING_SHARE * sum(map(len, grids[0]))), list[ServoGrid](), list[ServoGrid]()
+        for grid in grids[0]:
+            stop = min(max(left, 0), len(grid))
+            first += [rows_of(grid, 0, stop)] if stop > 3 else []
+            unseen += [rows_of(grid, stop, len(grid))] if len(grid) - stop > grid.rate * MIN_GRID_SECONDS else []
+            left -= len(grid)
         grids = [tuple(first)]
-    train = tuple(grid for some in grids for grid in some)
+    train = tuple(grid for of_recording in grids for grid in of_recording)
     data = ServoData(train, tuple(unseen) or train, _folds(grids), recordings_used(recordings, held_out))
     names = ", ".join(r.path or "a recording" for r in (*recordings, *held_out))
     if not data.driven:
@@ -130,41 +135,25 @@ def rows_of(grid: ServoGrid, start: int, stop: int) -> ServoGrid:
     )
 
 
-def _cut(grids: Sequence[ServoGrid], share: float) -> tuple[list[ServoGrid], list[ServoGrid]]:
-    """Grids before and after a share of all rows."""
-    left = round(share * sum(map(len, grids)))
-    before, after = [], []
-    for grid in grids:
-        stop = min(max(left, 0), len(grid))
-        before += [rows_of(grid, 0, stop)] if stop > 3 else []
-        after += [rows_of(grid, stop, len(grid))] if len(grid) - stop > grid.rate * MIN_GRID_SECONDS else []
-        left -= len(grid)
-    return before, after
-
-
 def _folds(grids: Sequence[Sequence[ServoGrid]]) -> tuple[tuple[tuple[ServoGrid, ...], tuple[ServoGrid, ...]], ...]:
     """Folds of whole recordings; of blocks of the only one."""
-    units = [list(some) for some in grids] if len(grids) > 1 else [[block] for block in _blocks(grids[0])]
+    units = [list(unit) for unit in grids] if len(grids) > 1 else [[grid] for grid in grids[0]]
+    if len(grids) == len(units) == 1:
+        (grid,) = grids[0]
+        blocks = int(np.clip(len(grid) / grid.rate / BLOCK, 1, MOST_BLOCKS))
+        edges = np.linspace(0, len(grid), blocks + 1).astype(int).tolist()
+        units = [[rows_of(grid, a, b)] for a, b in zip(edges[:-1], edges[1:], strict=True)]
     count = min(FOLDS if len(grids) > 1 else HALVES, len(units))
     turn = [*range(count), *reversed(range(count))]  # back and forth: neighbours in the order of names are often alike
     fold = [turn[i % len(turn)] for i in range(len(units))]
     folds = []
     for k in range(count):
-        fit = tuple(grid for i, some in zip(fold, units, strict=True) if i != k for grid in some)
-        unseen = tuple(grid for i, some in zip(fold, units, strict=True) if i == k for grid in some)
+        fit = tuple(grid for i, unit in zip(fold, units, strict=True) if i != k for grid in unit)
+        unseen = tuple(grid for i, unit in zip(fold, units, strict=True) if i == k for grid in unit)
         unseen = tuple(grid for grid in unseen if len(grid) > MIN_GRID_SECONDS * grid.rate)
         if fit and unseen:
             folds.append((fit, unseen))
     return tuple(folds)
-
-
-def _blocks(grids: Sequence[ServoGrid]) -> list[ServoGrid]:
-    if len(grids) > 1:
-        return list(grids)
-    (grid,) = grids
-    count = int(np.clip(len(grid) / grid.rate / BLOCK, 1, MOST_BLOCKS))
-    edges = np.linspace(0, len(grid), count + 1).astype(int).tolist()
-    return [rows_of(grid, a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
 
 
 def position_noise(grids: Sequence[ServoGrid]) -> Array:

@@ -32,19 +32,19 @@ def try_laws(by: ServoProblem, base: ServoTrial, suspects: Sequence[str], loose:
     trials, near = dict[str, ServoTrial](), by.near(suspects)
     start = replace(base.candidate.only(near), window=0.0)
     for law in ("effort", "duty", "torque_speed"):  # where no limit of the effort helps, one of the duty does not
-        if own := _with(given, law, suspects):
-            new = by.fit(_law_start(by, start, own, law, trials))
-            helps = {*stated, *loose, *worth(base, new, own)}
-            better = by.lengthen(new) if helps.intersection(own) else new
+        if able := _with(given, law, suspects):
+            new = by.fit(_law_start(by, start, able, law, trials))
+            helps = {*stated, *loose, *worth(base, new, able)}
+            better = by.lengthen(new) if helps.intersection(able) else new
             trials[law] = replace(better, residual=new.residual)  # of short windows, to compare it with others
-            suspects = [joint for joint in suspects if law != "effort" or joint in helps or joint not in own]
+            suspects = [joint for joint in suspects if law != "effort" or joint in helps or joint not in able]
     keep = {*stated, *(j for law, trial in trials.items() for j in worth(base, trial, _with(given, law, suspects)))}
     if not keep:
         return base
     near = by.near(keep)
     base = by.score(base, near)
     trials = {law: by.score(trial.only(near), near) for law, trial in trials.items()}
-    chosen, found = base.candidate.only(near), dict[str, dict[str, float]]()
+    chosen, probabilities = base.candidate.only(near), dict[str, dict[str, float]]()
     for joint in keep:
         j = by.searched.joints.index(joint)
         top = max(float(np.abs(recorded_course(by.model, grid).motion.v[:, j]).max()) for grid in by.searched.train)
@@ -55,21 +55,21 @@ def try_laws(by: ServoProblem, base: ServoTrial, suspects: Sequence[str], loose:
             mine = allowed[law].candidate
             servos = {j: servo for j, servo in mine.servos.items() if j == joint or j not in keep}  # and its neighbours
             chosen = chosen.changed(servos, [name for name in mine.free if name[0] == joint])
-            chosen = replace(chosen, window=max(chosen.window if found else 0.0, mine.window))
-            found[joint] = p
-    if not found:
+            chosen = replace(chosen, window=max(chosen.window if probabilities else 0.0, mine.window))
+            probabilities[joint] = p
+    if not probabilities:
         return base
     new = by.fit(chosen, coarse=False)
-    new, found = _simpler(new, found, given)
-    laws = {**base.laws, **{joint: p for joint, p in found.items() if joint not in given}}
+    new, probabilities = _simpler(new, probabilities, given)
+    laws = {**base.laws, **{joint: p for joint, p in probabilities.items() if joint not in given}}
     return replace(base.with_joints(by.score(new, near)), laws=laws)
 
 
 def _simpler(
-    trial: ServoTrial, found: Mapping[str, Mapping[str, float]], given: Mapping[str, str]
+    trial: ServoTrial, probabilities: Mapping[str, Mapping[str, float]], given: Mapping[str, str]
 ) -> tuple[ServoTrial, dict[str, dict[str, float]]]:
     """Trial and probabilities with the duty law at joints whose effort law has no damping inside its limit."""
-    candidate, out = trial.candidate, {joint: dict(p) for joint, p in found.items()}
+    candidate, out = trial.candidate, {joint: dict(p) for joint, p in probabilities.items()}
     for joint, p in out.items():
         servo = candidate.servos[joint]
         if servo.law == "effort" and joint not in given and servo.kd < INSIDE * servo.damping:
@@ -115,11 +115,13 @@ def _law_start(
     mine = {j: known.servos[j] for j in joints if known.servos[j].effort_limit < np.inf}
     numbers = {j: {name: getattr(servo, name) for name in REGRESSED} for j, servo in mine.items()}
     regressed = base.changed({j: base.servos[j].with_(**of) for j, of in numbers.items()})
-    found = {**top, **{j: servo.effort_limit for j, servo in mine.items()}}
-    starts = [limited(base, top, law), limited(regressed, found, law)]
+    sizes = {**top, **{j: servo.effort_limit for j, servo in mine.items()}}
+    starts = [limited(base, top, law), limited(regressed, sizes, law)]
     if law == "torque_speed" and "effort" in before:
         starts = [limited(replace(before["effort"].candidate.only(base.servos), window=0.0), top, law)]
-    ends = [fit_candidate(by.model, by.searched.train, one, SHORT_WINDOW, SHORT_STEPS, coarse=True) for one in starts]
+    ends = [
+        fit_candidate(by.model, by.searched.train, start, SHORT_WINDOW, SHORT_STEPS, coarse=True) for start in starts
+    ]
     rows = [by.searched.joints.index(joint) for joint in joints]
     return min(ends, key=lambda end: float(np.log(end[1].residual_rms[rows]).sum()))[0]
 
@@ -159,9 +161,9 @@ def rare_limits(by: ServoProblem, base: ServoTrial) -> tuple[ServoProblem, list[
     if not joints:
         return by, []
     top = largest_torques(by.searched, {joint: start.servos[joint] for joint in joints})
-    found = start_limits(by.model, by.searched.train, start.servos, top)
+    sizes = start_limits(by.model, by.searched.train, start.servos, top)
     for law in DRIVE_LAWS:  # of a joint: its stated one, or else the first
-        mine = {j: limit for j, limit in found.items() if by.assumptions.laws.get(j, DRIVE_LAWS[0]) == law}
+        mine = {j: limit for j, limit in sizes.items() if by.assumptions.laws.get(j, DRIVE_LAWS[0]) == law}
         start = limited(start, mine, law)
     new = by.fit(start, FIRST_LIMIT_STEPS)
     if not worth(base, new, joints, PROMISING):

@@ -23,6 +23,7 @@ POINTS = 2 * np.pi / 3 * np.arange(3)  # zeros at which the load is computed [ra
 SINGLE_ZEROS, PAIR_ZEROS = 48, 16  # zeros that are tried of one joint, and of each of two
 STARTS, SWEEPS, IMPROVED_TRIALS = 6, 6, 2  # random starts; most turns of all joints; trials improved by two joints
 SAVED = 1e-3  # sum of log rms that a move must save
+ZeroStart = tuple[Array, Array, tuple[int, ...]]  # signs (n,) [1], zeros (n,) [rad or m] and free joints of a fit
 MIN_LOG_SAVING = 0.1  # sum of log rms that one or two joints must save, for others to be tried
 
 
@@ -37,8 +38,8 @@ class ZeroFit(Frozen):
     std: Array  # (n,) [rad or m] 0 where not free
 
     @property
-    def start(self) -> tuple[Array, Array, tuple[int, ...]]:
-        """Signs (n,) [1], zeros (n,) [rad or m] and free joints, to start another fit from."""
+    def start(self) -> ZeroStart:
+        """Start of another fit."""
         return self.signs, self.zeros, self.free
 
     @property

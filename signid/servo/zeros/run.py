@@ -4,14 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import t as student
 
 from ...servos import Servo, ServoGrid
 from ...types import Array, Robot
-from .fit import POINTS, ZeroFit, ZeroTrial, best_zeros, fit_zeros, mirrored, noise_of, search, turned, weighted
+from .fit import (
+    POINTS,
+    ZeroFit,
+    ZeroStart,
+    ZeroTrial,
+    best_zeros,
+    fit_zeros,
+    mirrored,
+    noise_of,
+    search,
+    turned,
+    weighted,
+)
 from .rows import MIN_USABLE_ROWS, Loads, chain_of, foreseen, unexplained, zero_rows
 
 LAST_FIT_ROWS, FIT_ROWS, SEARCH_ROWS = 1200, 400, 200  # rows of the last fit, of those before, and of the search
@@ -248,14 +259,6 @@ class JointZero:
         return self.sign > 0 or self.sign_probability >= P_SIGN
 
 
-class Proposal(NamedTuple):
-    """Start of a fit, and the joints whose zeros are free."""
-
-    signs: Array  # (n,) [1]
-    zeros: Array  # (n,) [rad or m]
-    free: tuple[int, ...]
-
-
 def chosen(loads: Loads, noise: Array, trials: Sequence[ZeroTrial], joints: Sequence[int]) -> ZeroFit:
     """Cheapest fit from the description and from the best trials; noise: (n,) [rad or m] of independent rows."""
     n = len(loads.rows.joints)
@@ -284,7 +287,7 @@ def simplified(loads: Loads, noise: Array, fit: ZeroFit, joints: Sequence[int]) 
     return fit
 
 
-def _neighbours(loads: Loads, fit: ZeroFit, joints: Sequence[int]) -> Iterator[Proposal]:
+def _neighbours(loads: Loads, fit: ZeroFit, joints: Sequence[int]) -> Iterator[ZeroStart]:
     """Fits with another sign or zero of one joint that may be cheaper; zeros that were free may be as described."""
     here = ZeroTrial(np.inf, fit.signs, fit.zeros)
     for j in joints:
@@ -298,6 +301,6 @@ def _neighbours(loads: Loads, fit: ZeroFit, joints: Sequence[int]) -> Iterator[P
             if other and one.score > least + MAX_GRAVITY_LOSS:
                 continue
             if other or (j in fit.free and abs(fit.zeros[j]) < ZERO_DEVIATIONS * fit.std[j]):
-                yield Proposal(one.signs, plain, others)
+                yield one.signs, plain, others
             if other or j not in fit.free:
-                yield Proposal(one.signs, one.zeros, (*others, j))
+                yield one.signs, one.zeros, (*others, j)
