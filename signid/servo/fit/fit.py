@@ -50,16 +50,16 @@ from .normal import (
 
 CENTRAL_GAIN = 0.05  # relative gain of the cost below which differences become central
 WIDENING_GAIN, TOLERANCE = 1e-3, 1e-5  # relative gain of the cost below which differences widen, or the fit ends
-WIDER = (1.0, 4.0)  # differences that are tried one after another
+DIFFERENCE_FACTORS = (1.0, 4.0)  # differences that are tried one after another
 FIRST_DAMPING, MIN_DAMPING, DAMPING_RISE, DAMPING_FALL, DAMPING_TRIALS = 1e-2, 1e-7, 6.0, 0.1, 6  # [1] factors
 SMALLEST_NOISE = 1e-5  # [rad or m]
-WEAK = 0.2  # standard deviation of kp over kp from which other scales are tried
-FACTORS = (10.0, 0.1)
-LIMITS = (0.6, 0.35)  # limits of torque over stiffness at the start times the largest error
-SEEN = 1.0  # squared influence of a relative change of a limit, over the noise, below which it is not reached
-SCANNED = 2  # joints of a group that are tried
-BRIEF = 6  # steps from another scale
-VALLEY = 0.02  # gain of the logarithm of the squared residual that is worth another valley
+WEAK_KP_STD = 0.2  # standard deviation of kp over kp from which other scales are tried
+SCALE_FACTORS = (10.0, 0.1)
+LIMIT_FACTORS = (0.6, 0.35)  # limits of torque over stiffness at the start times the largest error
+MIN_LIMIT_INFLUENCE = 1.0  # squared influence of a relative change of a limit, over the noise: below it is not reached
+MAX_SCANNED = 2  # joints of a group that are tried
+SCAN_STEPS = 6  # steps from another scale
+MIN_VALLEY_GAIN = 0.02  # gain of the logarithm of the squared residual that is worth another valley
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +96,7 @@ class ServoFit(Frozen):
         return np.sqrt(np.diag(self.covariance))
 
 
-AGAIN = 8  # most steps about the simulated motion
+RELINEARISED_STEPS = 8  # most steps about the simulated motion
 LINEAR_STEP = 0.002  # [s] of the rows that a fit about the simulated motion is linear in
 
 
@@ -150,7 +150,7 @@ def fit_servos(
     if relinearise:
         steps = max(f.solved.steps for f in fits)
         task = replace(task, about=_about(task, joints, fits))
-        fits = [_fit_group(task, g, min(AGAIN, iterations), f) for g, f in zip(joints, fits, strict=True)]
+        fits = [_fit_group(task, g, min(RELINEARISED_STEPS, iterations), f) for g, f in zip(joints, fits, strict=True)]
     return _collect(task, joints, fits, steps)
 
 
@@ -326,14 +326,14 @@ def solve(windows: FitWindows, where: Coordinates, point: FitPoint, iterations: 
     iterations: most times that derivatives are computed.
     """
     damping, steps, wide, central = FIRST_DAMPING, 0, 0, False
-    last, slopes = 1 if coarse else len(WIDER), None
+    last, slopes = 1 if coarse else len(DIFFERENCE_FACTORS), None
     residual = residuals(windows, where, point)
     noise = noise_of(residual[windows.inside], robust=True)
     left_over = iterations
     while left_over > 0:
         known = slopes is not None
         left_over -= not known
-        slopes = slopes or slopes_at(windows, where, point, WIDER[wide], central)
+        slopes = slopes or slopes_at(windows, where, point, DIFFERENCE_FACTORS[wide], central)
         here = normal(windows, slopes, residual, point, noise)
         now = cost(windows, residual, point, noise) + where.prior_cost(point.values)
         then, tried = np.inf, damping
@@ -347,7 +347,7 @@ def solve(windows: FitWindows, where: Coordinates, point: FitPoint, iterations: 
             if np.isfinite(then) and then < now:
                 break
             tried *= DAMPING_RISE
-        small = not then < now * (1 - (WIDENING_GAIN if coarse or wide + 1 < len(WIDER) else TOLERANCE))
+        small = not then < now * (1 - (WIDENING_GAIN if coarse or wide + 1 < len(DIFFERENCE_FACTORS) else TOLERANCE))
         far = then < now * (1 - CENTRAL_GAIN)
         if then < now:
             point, residual, steps = new, left, steps + 1
@@ -408,28 +408,29 @@ def scan(windows: FitWindows, where: Coordinates, solved: Solved, iterations: in
     best, at = solved, normal(windows, slopes, solved.residual, solved.point, solved.noise)
     for i in (*untouched(where, solved, at), *weakest(where, solved, at)):
         ends = [best]
-        for factor in FACTORS if where.slots[i].number == "kp" else LIMITS:
+        for factor in SCALE_FACTORS if where.slots[i].number == "kp" else LIMIT_FACTORS:
             values = best.point.values.copy()
             if where.slots[i].number == "kp":
                 values[where.scaled(i)] *= factor
             else:
                 values[i] = factor * where.slots[i].typical
-            ends.append(solve(windows, where, FitPoint(values, best.point.q0, best.point.v0), min(BRIEF, iterations)))
+            start = FitPoint(values, best.point.q0, best.point.v0)
+            ends.append(solve(windows, where, start, min(SCAN_STEPS, iterations)))
         other = min(ends, key=lambda end: end.badness)
-        if other.badness < best.badness - VALLEY:
+        if other.badness < best.badness - MIN_VALLEY_GAIN:
             best = solve(windows, where, other.point, iterations)
     return best
 
 
 def weakest(where: Coordinates, solved: Solved, at: Normal) -> list[int]:
-    """Slots of the stiffnesses with the widest intervals, if these are wide: at most SCANNED."""
+    """Slots of the stiffnesses with the widest intervals, if these are wide: at most MAX_SCANNED."""
     std = np.sqrt(np.diag(covariance(at.information, at.scores)))
     share = {i: float(std[i] / solved.point.values[i]) for i, slot in enumerate(where.slots) if slot.number == "kp"}
-    return sorted((i for i in share if share[i] > WEAK), key=lambda i: -share[i])[:SCANNED]
+    return sorted((i for i in share if share[i] > WEAK_KP_STD), key=lambda i: -share[i])[:MAX_SCANNED]
 
 
 def untouched(where: Coordinates, solved: Solved, at: Normal) -> list[int]:
-    """Slots of the limits of torque without influence, at joints with the largest residuals: at most SCANNED."""
+    """Slots of the limits of torque without influence, at joints with the largest residuals: at most MAX_SCANNED."""
     weight = np.diag(at.information) * solved.point.values**2
-    found = [i for i, s in enumerate(where.slots) if s.number == "effort_limit" and weight[i] < SEEN]
-    return sorted(found, key=lambda i: -float(solved.noise[where.slots[i].joint]))[:SCANNED]
+    found = [i for i, s in enumerate(where.slots) if s.number == "effort_limit" and weight[i] < MIN_LIMIT_INFLUENCE]
+    return sorted(found, key=lambda i: -float(solved.noise[where.slots[i].joint]))[:MAX_SCANNED]

@@ -27,10 +27,10 @@ WINDOWS_PER_NUMBER = 0.4  # windows that each fitted number takes from the sandw
 NEIGHBOURS = 3  # windows apart that may be correlated
 BLOCKS = 6  # of the windows of a recording: of some seconds, since windows a few apart are correlated (Go2)
 LEAST_REST = 0.25  # share of the windows of a recording that its numbers leave, below which it is not judged alone
-DEPENDENT = 0.01  # probability by chance of a variance between blocks, below which the windows are not independent
+DEPENDENT_PROBABILITY = 0.01  # of such a variance between blocks by chance, below which windows are not independent
 MIN_ROBUST_VARIANCE = 1e-24  # variance over the widest one, below which it counts as this
-NOTHING = 1e-12  # influence over the largest one, below which a number is not identifiable
-WEAK = 1e-12  # relative eigenvalue of the information below which a direction is not identifiable
+MIN_INFLUENCE = 1e-12  # influence over the largest one, below which a number is not identifiable
+MIN_EIGENVALUE = 1e-12  # relative eigenvalue of the information below which a direction is not identifiable
 MOST_VALUES = 6_000_000  # positions simulated at a time
 
 
@@ -272,7 +272,7 @@ def certainty(at: Normal, recording: Indices, prior: Array, ratios: Array) -> Ce
         x, right = (np.array([one[some].sum(0) for some in blocks]) for one in (each, moved))
         ratio, free = jackknife_variance(x, right, inner, len(inner)) / known, len(blocks) - len(own)
         few = (t.ppf(0.975, len(blocks) - 1) / TWO_SIDED) ** 2
-        wider = np.where(chi2.sf(free * ratio / few, free) < DEPENDENT, np.maximum(ratio, 1.0), 1.0)
+        wider = np.where(chi2.sf(free * ratio / few, free) < DEPENDENT_PROBABILITY, np.maximum(ratio, 1.0), 1.0)
     lost = WINDOWS_PER_NUMBER * len(inner)  # windows of each recording
     alone = np.array([np.diag(_inverse(x + inner)) for x in parts]) / np.maximum(np.diag(whole), 1e-300)
     alone = np.where(alone > 0, alone, np.inf) * known * wider * max(len(moved) - lost, len(moved) / 4) / len(moved)
@@ -299,9 +299,9 @@ def _meat(scores: Array, lags: int) -> Array:
 def _inverse(matrix: Array) -> Array:
     """Inverse of an information (P, P) relative to its diagonal; zero of numbers without influence."""
     size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
-    scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > NOTHING * size.max(initial=0.0))
+    scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > MIN_INFLUENCE * size.max(initial=0.0))
     values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
-    least = WEAK * values.max(initial=1.0)
+    least = MIN_EIGENVALUE * values.max(initial=1.0)
     return np.asarray((vectors / np.maximum(values, least)) @ vectors.T * np.outer(scale, scale))
 
 

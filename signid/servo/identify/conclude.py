@@ -23,6 +23,7 @@ from ..search.choice import SHORT_WINDOW, Candidate, Estimates, ServoProblem, Se
 from ..search.data import ServoData, position_noise
 from ..search.laws import LIMIT_RESIDUAL_RATIO, LIMIT_STEPS, largest_torques, limited
 from .fits import (
+    HORIZON,
     Stated,
     alternatives,
     block,
@@ -50,10 +51,9 @@ from .flags import (
 from .identifiable import RARE, JointFacts, demand, dependence, dependent_numbers, facts_of, joint_numbers
 from .result import ServoIdentification, ServoJoint, ServoRollOut, ServoTrace
 
-HORIZON = 1.0  # [s] of the roll-outs, from measured states
 MAX_HELD_OUT_RATIO = 3.0  # [1] held-out rms over that of the training data, from which it is flagged
 MIN_NOISE_MULTIPLE = 3.0  # [1] held-out rms over the noise of positions, from which it is more than noise; as of torque
-TRIFLE = 0.02  # [1] held-out rms over that of the tracking error, below which no use of a model depends on it
+MIN_TRACKING_RATIO = 0.02  # [1] held-out rms over that of the tracking error, below which no use depends on it
 MIN_LIMIT_RATIO = 0.9  # [1] limit of held-out rows over the bound of the training data, below which the two contradict
 EQUAL_PROBABILITY = 0.05  # of such differences among equal joints, over all numbers, from which --equal is proposed
 DIFFERENT = 0.01  # the same, below which the number that differs is named
@@ -246,7 +246,8 @@ def held_out_errors(problem: ServoProblem, servos: Mapping[str, Servo]) -> dict[
     trained, unseen = (_rms(model, servos, grids) for grids in (data.train, data.held_out))
     errors = np.concatenate([grid.on * (grid.command - grid.q) for grid in data.held_out])
     noise, tracking = position_noise(data.held_out), np.sqrt(np.mean(errors**2, axis=0))
-    far = (unseen > MAX_HELD_OUT_RATIO * trained) & (unseen > MIN_NOISE_MULTIPLE * noise) & (unseen > TRIFLE * tracking)
+    beyond_noise = (unseen > MIN_NOISE_MULTIPLE * noise) & (unseen > MIN_TRACKING_RATIO * tracking)
+    far = (unseen > MAX_HELD_OUT_RATIO * trained) & beyond_noise
     unit = ["m" if model.robot.prismatic[model.robot.index(joint)] else "rad" for joint in data.joints]
     return {
         joint: HeldOutError(joint, unit[j], float(trained[j]), float(unseen[j]), bool(far[j]))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from scipy.stats import chi2
@@ -28,9 +27,9 @@ MAX_OWN_ITERATIONS = 6  # most iterations of a fit of equal joints with own numb
 HORIZON = 1.0  # [s] between measured states of short roll-outs
 DIVERGED_ERROR = 1e3  # error from which on a simulation counts as diverged [rad or m]
 STATED, IDEAL = "stated numbers", "q = q_des"
-NOTABLE = 1.1  # ratio of masses from which it is said
+NOTABLE_RATIO = 1.1  # ratio of masses from which it is said
 FEW_DEVIATIONS = 3.0
-COMMON = 0.05  # probability of such different ratios, from which they count as one
+COMMON_RATIO_PROBABILITY = 0.05  # probability of such different ratios, from which they count as one
 ALWAYS = ("kp", "kd", "delay", "coulomb_friction", "armature", "torque_offset")
 LEAST_LAG = 0.005  # [s] kd over kp to start from: a fit hardly leaves zero
 LEAST_WAVE = 6e-4  # [s2] the same for armature over kp: 40 rad/s, the slowest of hobby servos have 12 to 41
@@ -226,7 +225,7 @@ def implied_ratios(
             continue
         kp, spread, nominal = (np.array([of[j] for j in used]) for of in ({j: servos[j].kp for j in used}, std, stated))
         ratio, error = mass_ratio(kp, spread, nominal)
-        if max(ratio, 1 / ratio) > NOTABLE and abs(np.log(ratio)) > FEW_DEVIATIONS * error / ratio:
+        if max(ratio, 1 / ratio) > NOTABLE_RATIO and abs(np.log(ratio)) > FEW_DEVIATIONS * error / ratio:
             notable.append((members, ratio, error))
     return notable
 
@@ -243,7 +242,7 @@ def alternatives(
         logs = np.log([ratio for _, ratio, _ in notable])
         weight = np.array([(ratio / error) ** 2 for _, ratio, error in notable])
         mean = float(np.average(logs, weights=weight))
-        if chi2.sf(np.sum(weight * (logs - mean) ** 2), len(notable) - 1) > COMMON:
+        if chi2.sf(np.sum(weight * (logs - mean) ** 2), len(notable) - 1) > COMMON_RATIO_PROBABILITY:
             every = [joint for members, _, _ in notable for joint in members]
             notable = [(every, float(np.exp(mean)), float(np.exp(mean) / np.sqrt(weight.sum())))]
     for members, ratio, error in notable:
@@ -259,14 +258,13 @@ def alternatives(
 
 def stated_numbers(robot: Robot, joints: Sequence[str]) -> dict[str, dict[str, float]]:
     """Numbers of each drive that the actuators file states."""
-    return {
-        joint: {key: float(x) for key, x in _entries(robot, joint).items() if key in SERVO_NUMBERS} for joint in joints
-    }
+    stated = {joint: robot.servo.get(joint, {}) for joint in joints}
+    return {joint: {key: float(x) for key, x in of.items() if key in SERVO_NUMBERS} for joint, of in stated.items()}
 
 
 def stated_drive(robot: Robot, joint: str) -> Servo:
     """Drive with what the actuators file states, and zero or no limit elsewhere."""
-    entries = _entries(robot, joint)
+    entries = robot.servo.get(joint, {})
     numbers = {key: float(x) for key, x in entries.items() if key in SERVO_NUMBERS}
     register = entries.get("kp_register")
     return Servo(
@@ -291,7 +289,7 @@ def stated_laws(
         )
     if wrong := [law for law in given.values() if law not in DRIVE_LAWS]:
         raise OptionError(f"law {wrong[0]!r} is none of {', '.join(DRIVE_LAWS)}")
-    filed = {joint: str(_entries(robot, joint)["law"]) for joint in joints if "law" in _entries(robot, joint)}
+    filed = {joint: str(robot.servo[joint]["law"]) for joint in joints if "law" in robot.servo.get(joint, {})}
     laws_of = {**filed, **given}
     for members in assumptions.equal:
         stated = {laws_of[joint] for joint in members if joint in laws_of}
@@ -331,8 +329,3 @@ def first_candidate(
         free += [(joint, name) for name in names]
     usual = {joint: servo.kp for joint, servo in started.items()}
     return Candidate(started, tuple(dict.fromkeys(free)), usual=usual, assumptions=assumptions)
-
-
-def _entries(robot: Robot, joint: str) -> Mapping[str, Any]:
-    servo: Mapping[str, Mapping[str, Any]] = getattr(robot, "servo", {})
-    return servo.get(joint, {})

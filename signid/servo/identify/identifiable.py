@@ -28,11 +28,11 @@ MIN_DUTY_ROWS = 50  # least number of samples
 SLIDING = 0.05  # [rad/s or m/s] over which friction turns
 DAMPING_PARTS = 9  # of the damping of a drive
 POWER_SHARE = 0.95  # share of the power of the commands below the frequency of the shortest period
-LIGHT = 0.15  # share of the torque that is known load, below which the scale is not identifiable (MuJoCo so101)
+MIN_KNOWN_LOAD = 0.15  # share of known load in the torque, below which the scale is not identifiable (MuJoCo so101)
 UNIQUE = 0.05  # the same for load that armature, friction and offset of the joint cannot give; at least
 LEAST_UNIQUE, UNIQUE_FACTOR = 0.01, 10.0  # this, and this multiple of the relative residual, where that is small
 VAGUE = 0.5  # std over value of a positive number beyond which it is not identifiable
-SPLIT = 0.1  # half a 95 % interval of the delay over the lag beyond which the two are one number
+MAX_DELAY_SHARE = 0.1  # half a 95 % interval of the delay over the lag beyond which the two are one number
 ONE_NUMBER = "kd and viscous friction are one number here"
 IDLE = "without effect in these recordings, so not identifiable"
 COMBINED = "identifiable only in combination"
@@ -390,7 +390,7 @@ def _apart(servo: Servo, facts: JointFacts) -> bool:
 def _one_with_lag(free: Sequence[str], values: Mapping[str, float], std: Mapping[str, float]) -> bool:
     if "delay" not in free or "lag" not in std or not np.isfinite(values["lag"]):
         return False
-    wide = 1.96 * std["delay"] > SPLIT * abs(values["lag"])
+    wide = 1.96 * std["delay"] > MAX_DELAY_SHARE * abs(values["lag"])
     return bool(wide and std["lag"] < 0.5 * std["delay"])
 
 
@@ -412,7 +412,7 @@ def _limit_sentence(facts: JointFacts) -> str:
 
 def _scale_known(facts: JointFacts) -> bool:
     unique = float(np.clip(UNIQUE_FACTOR * facts.unexplained, LEAST_UNIQUE, UNIQUE))
-    light = facts.known_load_share < LIGHT or facts.unique_load_share < unique
+    light = facts.known_load_share < MIN_KNOWN_LOAD or facts.unique_load_share < unique
     return facts.scale_known and not (facts.masses_set_scale and light)
 
 
@@ -426,7 +426,7 @@ def _scale_sentence(ratios: Mapping[str, ServoNumber], facts: JointFacts) -> str
             f"{facts.joint}: kp, friction and masses are identifiable only relative to each other; state one kp, or "
             f"use the masses of the description, or repeat with a known payload{known}"
         )
-    if facts.known_load_share >= LIGHT:
+    if facts.known_load_share >= MIN_KNOWN_LOAD:
         return (
             f"{facts.joint}: the known load acts like armature and friction of the joint, except "
             f"{100 * facts.unique_load_share:.0f} % of its torque, so its scale is not identifiable; state its kp or "

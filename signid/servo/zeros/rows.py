@@ -31,9 +31,7 @@ MIN_USABLE_ROWS = 40  # usable rows of a joint; a joint with fewer is not used
 RECORDINGS = 6  # least number of recordings of which each is one block
 FLOOR = 1e-5  # [rad or m] rms error that counts as none
 MAX_MU = 1.5  # largest friction by load, of the load; gears of servos hold their load without current (SO-101)
-REST_ERROR_STD = (
-    0.004  # [rad or m] standard deviation of a loop's error at rest without load: q and q_des share their zero
-)
+REST_ERROR_STD = 0.004  # [rad or m] of the error of a loop at rest without load: q and q_des share their zero
 ROWS_PER_SAMPLE = 20  # rows whose errors count as one in the weight of that knowledge
 TINY = 1e-30
 

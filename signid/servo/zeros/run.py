@@ -29,16 +29,16 @@ LAST_FIT_ROWS, FIT_ROWS, SEARCH_ROWS = 1200, 400, 200  # rows of the last fit, o
 RIVALS = 2  # fits with another sign that are refined
 MIN_ZERO_SECONDS = 1.5  # [s] of a recording
 LEAST_BLOCKS = 4  # blocks without which nothing is said
-ACTS = 1e-2  # share of the largest gravity torque that another zero of a joint must change: bodies are not known better
-KNOWN = 0.35  # [rad] standard deviation from which a zero is not identifiable
+MIN_ACTING = 1e-2  # share of the largest gravity torque that another zero must change: bodies are not known better
+KNOWN_ZERO_STD = 0.35  # [rad] standard deviation from which a zero is not identifiable
 MIN_CHANGED_ZERO = 0.1  # [rad] smaller zeros are within what masses of a description leave open
 P_CHANGE = 0.95  # probability from which a change is said
 P_SIGN = 0.9  # probability from which a sign is identifiable
-SAVED = 0.02  # sum over joints of the log rms that all changes must save
-WHOLE = 4  # recordings from which they are held out whole
+MIN_CHANGE_SAVING = 0.02  # sum over joints of the log rms that all changes must save
+WHOLE_RECORDINGS = 4  # recordings from which they are held out whole
 NEGLIGIBLE_NATS = 0.5  # nats of errors of a block that count as none
 MOST_NATS = 12.0  # nats that the evidence can reach; models of robots are not exact
-COST = 4.0  # nats that a changed zero or sign must save, beyond the fit of noise: a prior of 1/5 each and its width
+CHANGE_COST = 4.0  # nats that a changed zero or sign must save, beyond the noise: a prior of 1/5 each and its width
 LIKELY = 3  # trials of the search from which the choice starts, beside the description
 MAX_GRAVITY_LOSS = 0.2  # sum of log rms by which gravity alone may fit worse with a sign that is tried
 ZERO_DEVIATIONS = 6.0  # standard deviations of a zero that may be none
@@ -88,7 +88,7 @@ def acting(loads: Loads, joints: Iterable[int]) -> list[int]:
     found = []
     for j in joints:
         turned_by = [loads.gravity(signs, turn * np.eye(n)[j])[:, used] for turn in POINTS[1:]]
-        if max(np.abs(x - plain).max(initial=0.0) for x in turned_by) > ACTS * np.abs(plain).max(initial=0.0):
+        if max(np.abs(x - plain).max(initial=0.0) for x in turned_by) > MIN_ACTING * np.abs(plain).max(initial=0.0):
             found.append(j)
     return found
 
@@ -127,7 +127,7 @@ class _Judged:
         n = len(best.signs)
         described = self._fit(np.ones(n), np.zeros(n), ())
         odds = log_odds(self.scores, held_out(*fine, described), min(best.changed, 1))
-        self.sure = probability(odds) > P_CHANGE and self._saved(described) > SAVED
+        self.sure = probability(odds) > P_CHANGE and self._saved(described) > MIN_CHANGE_SAVING
 
     def all(self, turning: Sequence[int]) -> tuple[JointZero, ...]:
         """Each revolute joint."""
@@ -145,9 +145,9 @@ class _Judged:
         shift = probability(self._odds(self._plain(j))) if shifted else 0.0
         zero, std = float(own.zeros[j]), float(own.std[j])
         far = best.signs[j] < 0 or abs(zero) > max(2 * std, MIN_CHANGED_ZERO)
-        changed = bool(self.sure and shifted and far and std < KNOWN and shift > P_CHANGE)
+        changed = bool(self.sure and shifted and far and std < KNOWN_ZERO_STD and shift > P_CHANGE)
         undecided = far and not changed
-        known = std < KNOWN and sign > P_SIGN and not undecided
+        known = std < KNOWN_ZERO_STD and sign > P_SIGN and not undecided
         turn = int(best.signs[j])
         if undecided and turn < 0:
             turn, sign = 1, 1 - sign
@@ -204,7 +204,7 @@ def held_out(loads: Loads, noise: Array, fit: ZeroFit) -> Array:
     noise: (n,) [rad or m] of independent rows.
     """
     rows = loads.rows
-    whole = len(np.unique(rows.recording)) >= WHOLE
+    whole = len(np.unique(rows.recording)) >= WHOLE_RECORDINGS
     half = (rows.recording if whole else rows.block) % 2 == 0
     names, number = np.unique(rows.block, return_inverse=True)
     out = np.zeros(len(names))
@@ -271,7 +271,7 @@ def chosen(loads: Loads, noise: Array, trials: Sequence[ZeroTrial], joints: Sequ
 
 def cost(fit: ZeroFit) -> float:
     """Errors and changes of a fit in nats."""
-    return fit.squares + COST * fit.changed
+    return fit.squares + CHANGE_COST * fit.changed
 
 
 def simplified(loads: Loads, noise: Array, fit: ZeroFit, joints: Sequence[int]) -> ZeroFit:
