@@ -126,7 +126,7 @@ def identify_servos(
     stated = stated_numbers(model.robot, data.driven)
     assumed = given_texts(model.robot, data.driven, stated, known=known, prior=prior, bounds=bounds, equal=equal)
     assumed = replace(assumed, laws=stated_laws(model.robot, data.driven, laws, assumed))
-    problem = started(model, data, assumed, options, given, progress)
+    problem = start_fit(model, data, assumed, options, given, progress)
     problem = weigh_bodies(problem)
     trial = search(problem)
     problem, trial, fit = fit_chosen(problem, trial)
@@ -137,12 +137,12 @@ def identify_servos(
     problem = compare_assumptions(replace(problem, flags=said), trial, fit, min(log.content_rate for log in logs))
     judged = judge(problem, fit)
     if not unseen if refit is None else refit:
-        judged = fitted_again(problem, judged, trial.candidate)
+        judged = fit_again(problem, judged, trial.candidate)
     result = conclude(problem, judged, trial)
     return replace(result, logs=logs, zeros=zeros, notes=(*result.notes, *notes, *judged.notes))
 
 
-def started(
+def start_fit(
     model: Model,
     data: ServoData,
     assumed: Assumptions,
@@ -223,7 +223,7 @@ def compare_assumptions(problem: ServoProblem, trial: ServoTrial, fit: ServoFit,
     return replace(problem, command_timing=timing, unequal=own_numbers(problem, fit, trial.candidate))
 
 
-def fitted_again(problem: ServoProblem, judged: JudgedFit, candidate: Candidate) -> JudgedFit:
+def fit_again(problem: ServoProblem, judged: JudgedFit, candidate: Candidate) -> JudgedFit:
     """The same laws and free numbers, fitted to all rows, with the errors on held-out rows as they were.
 
     The first fit stays, with a note, where held-out rows show what it has no number for, and where the new one predicts
