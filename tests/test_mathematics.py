@@ -27,12 +27,11 @@ from signid.effects import EFFECTS, LISTED_LAWS
 from signid.servo.diagnose import search as servo_search
 from signid.servo.fit import normal as normal_module
 from signid.servo.fit.coordinates import Coordinates, Slot
+from signid.servo.fit.fit import damped
 from signid.servo.fit.normal import FitPoint, cost, covariance, normal
-from signid.servo.fit.solve import damped
-from signid.servo.identify.facts import known_load_share
-from signid.servo.identify.scale import mass_ratio
-from signid.servo.plant.friction import advance_speeds, new_state
-from signid.servo.plant.torque import Drives, actuate, drive_torque
+from signid.servo.identify.fits import mass_ratio
+from signid.servo.identify.identifiable import known_load_share
+from signid.servo.plant.torque import Drives, actuate, advance_speeds, drive_torque, new_state
 from signid.servo.search.choice import law_probabilities
 from signid.servos import DRIVE_LAWS, LOOP_NUMBERS, Servo
 from signid.types import Array, Law

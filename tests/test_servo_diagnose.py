@@ -20,7 +20,7 @@ from signid.output.report.layout import thousandths
 from signid.servo.diagnose import ServoDiagnosis, diagnose_servos
 from signid.servo.diagnose.closed_loop import LINEAR, ClosedLoop
 from signid.servo.diagnose.hypotheses import HYPOTHESES
-from signid.servo.fit.windows import joined_bodies
+from signid.servo.fit.normal import joined_bodies
 from signid.servo.plant import grids_of_arrays
 from signid.servo.search.data import position_noise
 from signid.servos import Servo

@@ -13,9 +13,8 @@ import pytest
 import signid
 from signid.model import Model, load_model, with_servos
 from signid.servo.identify import ServoIdentification, ServoOptions
-from signid.servo.identify.fits import closed_loops
+from signid.servo.identify.fits import alternatives, closed_loops, mass_ratio
 from signid.servo.identify.identifiable import JointFacts, dependence, dependent_numbers, joint_numbers
-from signid.servo.identify.scale import alternatives, mass_ratio
 from signid.servo.plant import grids_of_arrays, roll_out
 from signid.servo.search.choice import improves, law_probabilities
 from signid.servos import Servo

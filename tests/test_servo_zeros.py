@@ -15,7 +15,7 @@ from signid.robot.dynamics import rigid_torque
 from signid.servo.plant import grids_of_arrays, roll_out
 from signid.servo.plant.course import bodies_of
 from signid.servo.zeros import JointZero, find_zeros
-from signid.servo.zeros.chain import chain_of
+from signid.servo.zeros.rows import chain_of
 from signid.servo.zeros.run import log_odds, probability
 from signid.servos import Servo, ServoGrid
 from signid.types import Robot

@@ -16,15 +16,14 @@ from ..recording import Recordings, as_recordings
 from ..regression.session import only_once
 from ..servos import LOOP_UNITS, Servo
 from ..typed import typed
-from ..types import Array, Progress
+from ..types import Progress
 from .diagnose.search import half_log_of, limited, price_of
 from .fit import ServoFit
 from .fit.coordinates import typical
-from .identify.fits import block
+from .identify.fits import block, connected_sets
 from .identify.identifiable import SCALED, SIGNED, VAGUE, unit_of
 from .identify.result import FrictionModel, ServoIdentification, ServoNumber
-from .identify.run import FITTED, rows_used
-from .identify.scale import connected_sets
+from .identify.run import FIT_BUDGET, rows_used
 from .plant import roll_out
 from .plant.course import recorded_course
 from .search.choice import Candidate, fit_candidate
@@ -45,7 +44,7 @@ AS_FOUND = "identified"  # the drives of the identification itself
 
 
 @dataclass(frozen=True, eq=False)
-class _Fitted:
+class _FittedModel:
     """A model, fitted to the training rows."""
 
     model: NamedModel
@@ -96,7 +95,7 @@ def compare_models(
     unseen = as_recordings(held_out, found.robot, "compare_models")
     only_once((*given, *unseen))
     task = _task(found, servo_data(found.robot, given, unseen))
-    fitted = dict[str, _Fitted]()
+    fitted = dict[str, _FittedModel]()
     for k, model in enumerate(MODELS):
         if fitted and time_is_up("the comparison of friction models"):
             break
@@ -112,7 +111,7 @@ def _task(found: ServoIdentification, data: ServoData) -> _Task:
             "compare_models got other recordings than identify_servos; give the same recordings and held_out to both"
         )
     sets = connected_sets(found.model, data.joints, data.driven)
-    data = replace(data, train=thinned(data.train, rows_used(sets, data, FITTED)))
+    data = replace(data, train=thinned(data.train, rows_used(sets, data, FIT_BUDGET)))
     motions = [recorded_course(found.model, grid).motion for grid in data.train]
     sizes = {
         joint: typical(servo, data.joints.index(joint), data.train, motions)
@@ -122,7 +121,7 @@ def _task(found: ServoIdentification, data: ServoData) -> _Task:
     return _Task(found, found.model, data, rows, sets, sizes)
 
 
-def _fitted(task: _Task, model: NamedModel, before: Mapping[str, _Fitted]) -> _Fitted:
+def _fitted(task: _Task, model: NamedModel, before: Mapping[str, _FittedModel]) -> _FittedModel:
     """Fit from the best of the starts."""
     assert task.found.start is not None
     begin = time.process_time()
@@ -133,10 +132,10 @@ def _fitted(task: _Task, model: NamedModel, before: Mapping[str, _Fitted]) -> _F
         coarse = [fit_candidate(task.model, task.data.train, one, 0.0, STEPS, coarse=True) for one in tries]
         tries = [min(coarse, key=lambda end: float(np.nansum(np.log(end[1].residual_rms))))[0]]
     candidate, fit = fit_candidate(task.model, task.data.train, tries[0], 0.0, relinearise=True)
-    return _Fitted(model, candidate.follow(fit.servos), fit, time.process_time() - begin)
+    return _FittedModel(model, candidate.follow(fit.servos), fit, time.process_time() - begin)
 
 
-def _compared(task: _Task, fitted: Sequence[_Fitted]) -> Iterator[FrictionModel]:
+def _compared(task: _Task, fitted: Sequence[_FittedModel]) -> Iterator[FrictionModel]:
     """Errors and evidence of fitted models."""
     data = task.data
     driven = [data.joints.index(joint) for joint in fitted[0].fit.servos]
@@ -152,7 +151,10 @@ def _compared(task: _Task, fitted: Sequence[_Fitted]) -> Iterator[FrictionModel]
     odds = [limited(evidence[best] - e, 0.0, x) for e, x in zip(evidence, differences, strict=True)]
     weights = np.where(named, np.exp(-np.array(odds)), np.nan)
     for one, e, weight in zip(fitted, evidence, weights, strict=True):
-        absolute, rms = _errors(task, one.fit.servos)
+        with np.errstate(all="ignore"):
+            errors = [roll_out(task.model, one.fit.servos, grid) - grid.q for grid in data.held_out]
+            error = np.where([joint in one.fit.servos for joint in data.joints], np.concatenate(errors), np.nan)
+            absolute, rms = np.mean(np.abs(error), axis=0), np.sqrt(np.mean(error**2, axis=0))
         numbers = {joint: _numbers(task, one, joint) for joint in one.fit.servos}
         yield FrictionModel(
             one.model.name,
@@ -176,16 +178,7 @@ def _price(task: _Task, fit: ServoFit, common: set[tuple[str, str]]) -> float:
     return price_of(fit.information, new, sizes, task.rows)
 
 
-def _errors(task: _Task, servos: Mapping[str, Servo]) -> tuple[Array, Array]:
-    """Mean absolute and rms errors (n,) [rad or m] of held-out rows from commands alone; NaN without a drive."""
-    with np.errstate(all="ignore"):
-        error = np.concatenate([roll_out(task.model, servos, grid) - grid.q for grid in task.data.held_out])
-        absolute, rms = np.mean(np.abs(error), axis=0), np.sqrt(np.mean(error**2, axis=0))
-    driven = np.array([joint in servos for joint in task.data.joints])
-    return np.where(driven, absolute, np.nan), np.where(driven, rms, np.nan)
-
-
-def _numbers(task: _Task, one: _Fitted, joint: str) -> dict[str, ServoNumber]:
+def _numbers(task: _Task, one: _FittedModel, joint: str) -> dict[str, ServoNumber]:
     """Free numbers of a joint; those that the recordings do not identify have no value."""
     servo, prismatic = one.fit.servos[joint], task.model.robot.prismatic[task.model.robot.index(joint)]
     names, covariance = block(one.fit, joint)

@@ -20,23 +20,8 @@ POSITIVE = ("kp", *LIMIT_KEYS)  # numbers that cannot be zero
 EXAMPLES = {"known": "kp=20", "prior": "armature=.01+-.005", "bounds": "kp=5..30"}
 T = TypeVar("T")
 STALLED = ("duty", "torque_speed")  # laws whose limit is the stall torque
-OWN = "torque_offset"  # number of a joint alone: it contains the zero error of the command
+UNSHARED = "torque_offset"  # number of a joint alone: it contains the zero error of the command
 Name = tuple[str, str]  # joint, number
-
-
-@dataclass(frozen=True)
-class Given:
-    """Knowledge of drives before a fit."""
-
-    scale: str  # what sets the scale of torque, one of KNOWN
-    stated: Mapping[str, Mapping[str, float]]  # numbers by joint [SERVO_UNITS], also those of the actuators file
-    assumptions: Assumptions
-
-    @property
-    def fixed(self) -> dict[str, dict[str, float]]:
-        """Stated numbers that a fit keeps: gains only if they set the scale."""
-        gains = self.scale == "kp"
-        return {j: {name: x for name, x in of.items() if gains or name != "kp"} for j, of in self.stated.items()}
 
 
 @dataclass(frozen=True)
@@ -64,7 +49,7 @@ def given_texts(
     prior: Sequence[str] = (),
     bounds: Sequence[str] = (),
     equal: Sequence[str] = (),
-) -> Given:
+) -> Assumptions:
     """Read texts of a user about drives; a later text holds for the joints that it shares with others.
 
     Args:
@@ -97,7 +82,7 @@ def given_texts(
     scale = _scale(words, given, any(name == "kp" for _, name in said))
     by_joint = {joint: {name: x for (one, name), x in given.items() if one == joint} for joint in joints}
     masses = _masses_error([text for text in prior if text not in drives])
-    return Given(scale, by_joint, Assumptions(groups, priors, ranges, masses if scale == "masses" else 0.0))
+    return Assumptions(groups, priors, ranges, masses if scale == "masses" else 0.0, scale, by_joint)
 
 
 def _masses_error(texts: Sequence[str]) -> float:
@@ -183,7 +168,7 @@ def _spread(given: Mapping[Name, T], groups: Sequence[Sequence[str]], what: str)
     """The same with what is given for one of several equal joints at all of them."""
     out = dict(given)
     for members in groups:
-        for number in (name for name in SERVO_NUMBERS if name != OWN):
+        for number in (name for name in SERVO_NUMBERS if name != UNSHARED):
             values = [given[joint, number] for joint in members if (joint, number) in given]
             if any(value != values[0] for value in values):
                 raise OptionError(f"{shorten(members)} are equal, and have different {what} of {number}; give one")
@@ -268,12 +253,21 @@ class Bounds(NamedTuple):
 
 @dataclass(frozen=True)
 class Assumptions:
-    """Assumptions of a fit; each prior and range stands at every joint that it holds for."""
+    """What is stated or assumed of drives; each number, prior and range stands at every joint that it holds for."""
 
-    equal: tuple[tuple[str, ...], ...] = ()  # joints whose numbers, but OWN, are one number each
+    equal: tuple[tuple[str, ...], ...] = ()  # joints whose numbers, but UNSHARED, are one number each
     priors: Mapping[Name, Prior] = field(default_factory=dict)
     bounds: Mapping[Name, Bounds] = field(default_factory=dict)
     masses_error: float = 0.0  # [1] standard deviation of the masses that set the scale, over them
+    scale: str = "nothing"  # what sets the scale of torque, one of KNOWN
+    stated: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  # by joint, also by the actuators file
+    laws: Mapping[str, str] = field(default_factory=dict)  # stated laws by joint, and those that a recording shows
+
+    @property
+    def fixed(self) -> dict[str, dict[str, float]]:
+        """Stated numbers that a fit keeps: gains only if they set the scale."""
+        gains = self.scale == "kp"
+        return {j: {name: x for name, x in of.items() if gains or name != "kp"} for j, of in self.stated.items()}
 
     def peers(self, joint: str) -> tuple[str, ...]:
         """Joints that share the numbers of a joint; at least itself."""

@@ -89,11 +89,12 @@ def simulate_servos(
         wrong = [joint for joint, x in zip(grid.joints, v.T, strict=True) if not (np.abs(x) < MOST_SPEED).all()]
         raise OptionError(f"the closed loop diverges at {shorten(wrong)}; check kp, kd, delay and inertias")
     rows = commands.t if isinstance(commands, Trajectory) else commands.read().t
-    rate = sensors.rate or 1 / (
-        STEP * max(1, round(float(np.median(np.diff(rows))) / STEP))
-    )  # divides that of the steps
-    sensors = replace(sensors, rate=rate)
-    prismatic, held = model.robot.prismatic, _held(grid, servos)
+    steps = max(1, round(float(np.median(np.diff(rows))) / STEP))  # of a row
+    sensors = replace(sensors, rate=sensors.rate or 1 / (STEP * steps))
+    at = {joint: j for j, joint in enumerate(grid.joints) if joint in servos}
+    kinds = {"q_des": grid.command, "dq_des": grid.command_speed, "tau_ff": grid.feed_forward, "on": grid.on}
+    held = {kind: {joint: x[:, j] for joint, j in at.items()} for kind, x in kinds.items() if x is not None}
+    prismatic = model.robot.prismatic
     columns = record_held(prismatic, grid.joints, grid.step, q, v, held=held, sensors=sensors, seed=seed)
     t = np.asarray(np.arange(len(grid)) * grid.step)
     saturated = saturated_share(servos, replace(grid, q=q), v)
@@ -161,10 +162,3 @@ def _injected(
             raise OptionError(f"a drive has no number {unknown[0]!r}; choose from {', '.join(SERVO_NUMBERS)}")
         servos[joint] = servos[joint].with_(**given)
     return servos
-
-
-def _held(grid: ServoGrid, servos: Mapping[str, Servo]) -> dict[str, dict[str, Array]]:
-    """Columns by kind and joint that are held from row to row, (K,) each."""
-    at = {joint: j for j, joint in enumerate(grid.joints) if joint in servos}
-    kinds = {"q_des": grid.command, "dq_des": grid.command_speed, "tau_ff": grid.feed_forward, "on": grid.on}
-    return {kind: {joint: x[:, j] for joint, j in at.items()} for kind, x in kinds.items() if x is not None}

@@ -93,7 +93,9 @@ def validate_servos(
         found = ServoValidatedModel(name, driven, *closed_loops(driven, driven.servos, grids))
         validated.append(found)
         flags += _flags(found, grids)
-        notes += _poor(found)
+        worse = found.rollout.whole_rms > found.rollout.nominal_whole_rms
+        if poor := [joint for joint, grows in zip(found.rollout.joints, worse, strict=True) if grows]:
+            notes.append(f"{name} predicts {shorten(poor)} no better than q = q_des")
     return ServoValidation(
         models=tuple(validated),
         inputs=tuple(Input(r.path, r.sha256, "recording") for r in given),
@@ -123,18 +125,15 @@ def need_commands(recordings: Sequence[Recording], moving: bool = False) -> None
             raise RecordingError(f"{name} has the drives off in all rows (on_J is 0); record with the drives on")
         if np.nanmax(np.abs(samples.q_des)) > MAX_Q_DES:
             raise RecordingError(f"{name} has commanded positions beyond {MAX_Q_DES} rad or m; check units of q_des_J")
-    if moving and not any(_changes(recording) for recording in recordings):
+    commands = (
+        [x for recording in recordings if (q := recording.read().q_des) is not None for x in q.T] if moving else []
+    )
+    if moving and not any(np.ptp(x[np.isfinite(x)]) > 0 for x in commands if np.isfinite(x).any()):
         names = shorten([recording.path or "a recording" for recording in recordings])
         raise RecordingError(
             f"the commanded positions of {names} never change; record a motion that q_des_J commands, or check that "
             f"q_des_J is the command"
         )
-
-
-def _changes(recording: Recording) -> bool:
-    """Whether the command of a joint changes."""
-    q_des = recording.read().q_des
-    return q_des is not None and any(np.ptp(x[np.isfinite(x)]) > 0 for x in q_des.T if np.isfinite(x).any())
 
 
 def prepared_model(
@@ -146,13 +145,6 @@ def prepared_model(
         OptionError: the model has no drive of a commanded joint.
         RobotError: invalid actuators file.
     """
-    driven, notes = _restricted(name, model, recordings)
-    robot, flags = _registered(name, driven, actuators)
-    return driven, robot, flags, list(notes)
-
-
-def _restricted(name: str, model: Model, recordings: Sequence[Recording]) -> tuple[Model, Sequence[str]]:
-    """Model with drives, of the joints of the recordings; notes on what was left out."""
     servos = {**stated_servos(model.robot), **model.servos}
     commanded = [
         joint for joint in same_joints(recordings) if any(r.columns["q_des"][r.joints.index(joint)] for r in recordings)
@@ -164,24 +156,19 @@ def _restricted(name: str, model: Model, recordings: Sequence[Recording]) -> tup
         )
     restricted, notes = restrict_joints(model, recordings)
     kept = {joint: servo for joint, servo in servos.items() if joint in restricted.robot.joints}
-    model, left = command_model(restricted, kept)
-    return model, [f"{name}: {note}" for note in (*notes, *left)]
-
-
-def _registered(name: str, model: Model, actuators: str | Path | None) -> tuple[Robot, list[str]]:
-    """Robot that states the firmware gains of recordings, relative to those of the drives; flags where it cannot."""
-    robot = model.robot if actuators is None else state_actuators(model.robot, Path(actuators))
-    stated = registered(robot, model.servos)
-    lacking = [joint for joint in model.servos if "kp_register" not in stated[joint]]
+    driven, left = command_model(restricted, kept)
+    remarks = [f"{name}: {note}" for note in (*notes, *left)]
+    robot = driven.robot if actuators is None else state_actuators(driven.robot, Path(actuators))
+    stated = registered(robot, driven.servos)
+    lacking = [joint for joint in driven.servos if "kp_register" not in stated[joint]]
     unknown = dict.fromkeys(joint for _, joint in robot.registers if joint in lacking)
     robot = replace(robot, servo=stated)
-    if not unknown:
-        return robot, []
-    first = next(iter(unknown))
-    return robot, [
+    flags = [
         f"{name} states no kp_register of {shorten(list(unknown))}, so the registers of the recordings do not count; "
-        f"state kp_register below [joint.{first}.servo] and identify again"
+        f"state kp_register below [joint.{joint}.servo] and identify again"
+        for joint in list(unknown)[:1]
     ]
+    return driven, robot, flags, remarks
 
 
 def _flags(found: ServoValidatedModel, grids: Sequence[ServoGrid]) -> Iterator[str]:
@@ -193,11 +180,3 @@ def _flags(found: ServoValidatedModel, grids: Sequence[ServoGrid]) -> Iterator[s
     rms = np.maximum(found.rollout.whole_rms, found.rollout.one_second_rms)
     if diverged := [joint for joint, x in zip(found.rollout.joints, rms, strict=True) if np.isinf(x)]:
         yield f"the closed loop of {found.name} diverges at {shorten(diverged)}; check its kp, kd, delay and inertias"
-
-
-def _poor(found: ServoValidatedModel) -> Iterator[str]:
-    """A sentence on joints that the model predicts no better than the command itself."""
-    rolled = found.rollout
-    worse = rolled.whole_rms > rolled.nominal_whole_rms
-    if named := [joint for joint, poor in zip(rolled.joints, worse, strict=True) if poor]:
-        yield f"{found.name} predicts {shorten(named)} no better than q = q_des"

@@ -1,6 +1,6 @@
 """Diagnose position drives: name what a simulation of loop and robot lacks, from commands and positions alone."""
 
-from .result import (
+from .conclude import (
     FoundNumber,
     PositionFit,
     ServoAlternative,

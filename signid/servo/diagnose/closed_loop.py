@@ -13,8 +13,7 @@ from ...robot.dynamics import moved_bodies, own_row
 from ...servos import Servo, ServoGrid
 from ...types import Array
 from ..fit.coordinates import Coordinates, typical
-from ..fit.normal import NUDGE
-from ..fit.windows import joined_bodies, shoot, windows_of
+from ..fit.normal import NUDGE, joined_bodies, shoot, windows_of
 from ..plant.course import Moved, RobotCourse, bodies_of, copies_of, course, motion_of, part, recorded_course
 from ..plant.kernel import LoopBodies
 
@@ -44,7 +43,12 @@ class ClosedLoop:
         self.leaf_body = own_row(self.robot, self.joints[self.leaf]) + 1
         self.motions = [motion_of(grid) for grid in grids]
         self.rows = max(int(round(window * grids[0].rate)), 3)
-        self.places = _places(grids, self.rows, most)
+        starts = [min(int(0.1 * grid.rate), max(len(grid) - self.rows - 1, 0)) for grid in grids]
+        spans = [range(first, len(grid) - self.rows, self.rows) for first, grid in zip(starts, grids, strict=True)]
+        self.places = [(g, k) for g, span in enumerate(spans) for k in span]  # grid and first row, one after another
+        if most is not None and len(self.places) > most:  # spread evenly
+            kept = np.unique(np.linspace(0, len(self.places) - 1, most).round().astype(int))
+            self.places = [self.places[k] for k in kept]
         courses = [part(recorded_course(model, grid), self.joints) for grid in grids]
         self.sizes = [typical(servo, j, grids, self.motions) for servo, j in zip(servos, joints, strict=True)]
         stiff = [servo.with_(kp=servo.kp * MARGIN) for servo in servos]
@@ -119,12 +123,3 @@ class ClosedLoop:
             copies = copies_of([points[c].servos for c in chosen])
             out[chosen] = shoot(self._windows, copies, q, v, self.bodies(body))[0]
         return out
-
-
-def _places(grids: Sequence[ServoGrid], rows: int, most: int | None) -> list[tuple[int, int]]:
-    """Windows (grid, first row), one after another; at most `most`, spread evenly."""
-    first = [min(int(0.1 * grid.rate), max(len(grid) - rows - 1, 0)) for grid in grids]
-    places = [(g, k) for g, grid in enumerate(grids) for k in range(first[g], len(grid) - rows, rows)]
-    if most is None or len(places) <= most:
-        return places
-    return [places[k] for k in np.unique(np.linspace(0, len(places) - 1, most).round().astype(int))]

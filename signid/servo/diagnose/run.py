@@ -20,15 +20,13 @@ from ...typed import typed
 from ...types import Array, Law, Mask, Progress
 from ..fit.coordinates import BODY, Coordinates
 from ..identify.fits import closed_loops
-from ..identify.result import ServoRollOut, ServoTrace
 from ..plant import roll_out
 from ..plant.course import bodies_of, groups
 from ..search.data import ServoData, position_noise, servo_data
 from ..validate import need_commands, prepared_model
 from .closed_loop import ClosedLoop
-from .conclude import conclude, fits, unproven
+from .conclude import ServoDiagnosis, ServoRepeats, conclude, fits, unproven
 from .hypotheses import HYPOTHESES
-from .result import ServoDiagnosis, ServoRepeats
 from .search import GroupSearch, search
 
 WINDOW = 0.8  # [s] of the closed loops; longer ones hardly add information, and the cost becomes rough
@@ -87,13 +85,26 @@ def diagnose_servos(
     data = servo_data(robot, read, unseen)
     found: list[tuple[tuple[int, ...], GroupSearch, ClosedLoop]] = []
     noise = position_noise(data.train)
-    sets = _sets(driven, data)
+    columns = [j for j, joint in enumerate(data.joints) if joint in driven.servos and joint in data.driven]
+    if not columns:
+        raise OptionError("the recordings command no joint whose drive the simulation has; state kp in actuators.toml")
+    sets = groups(bodies_of(driven, data.joints), columns)
     for k, joints in enumerate(sets):
         _say(progress, "searching", 0.1 + 0.7 * k / len(sets))
         found.append((joints, *_searched(driven, data, joints, noise, skip, window)))
     extended = _extended(driven, data, found)
     _say(progress, "simulating held-out recordings", 0.85)
-    before, after, traces = _rolled(driven, extended, data)
+    before, given_traces = closed_loops(driven, driven.servos, data.held_out)
+    after, traces = before, given_traces
+    if extended.servos != driven.servos or extended.laws != driven.laws:
+        after, traces = closed_loops(extended, extended.servos, data.held_out)
+    worse = [
+        f"{joint}: over whole held-out recordings, the rms error grows from {old:.3g} to {new:.3g} {unit} with what "
+        f"was found; it explains short motions only"
+        for joint, unit, old, new in zip(after.joints, after.units, before.whole_rms, after.whole_rms, strict=True)
+        if new > FLAGGED_RMS_GROWTH * old
+    ]
+    grids = data.train if data.held_out is data.train else (*data.train, *data.held_out)
     findings, unexplained, verdict, more = conclude(data, found, noise)
     return ServoDiagnosis(
         robot=driven.robot,
@@ -104,24 +115,14 @@ def diagnose_servos(
         after=fits(driven, data, found, noise, last=True),
         rollout_before=before,
         rollout_after=after,
-        repeats=_repeats(extended, data, noise),
-        traces=traces,
+        repeats=servo_repeats(grids, columns, noise, lambda grid: roll_out(extended, extended.servos, grid) - grid.q),
+        traces=tuple(replace(x, nominal=own.simulated) for x, own in zip(traces, given_traces, strict=True)),
         model=extended,
         inputs=data.inputs,
-        flags=tuple(
-            dict.fromkeys((*audit_flags(given.robot, (*read, *unseen)), *flags, *more, *_worse(before, after)))
-        ),
+        flags=tuple(dict.fromkeys((*audit_flags(given.robot, (*read, *unseen)), *flags, *more, *worse))),
         notes=tuple(dict.fromkeys(notes)),
         seed=seed,
     )
-
-
-def _sets(model: Model, data: ServoData) -> list[tuple[int, ...]]:
-    """Joints with a drive, in groups that share a moved body."""
-    driven = [j for j, joint in enumerate(data.joints) if joint in model.servos and joint in data.driven]
-    if not driven:
-        raise OptionError("the recordings command no joint whose drive the simulation has; state kp in actuators.toml")
-    return list(groups(bodies_of(model, data.joints), driven))
 
 
 def _searched(
@@ -157,34 +158,6 @@ def _extended(model: Model, data: ServoData, found: Sequence[tuple[tuple[int, ..
             tip = model.robot.index(data.joints[joints[one.setting.loop.leaf]])
             laws.append(Law(EFFECTS["payload"], (tip,), dict(zip(BODY, one.last.where.body, strict=True))))
     return with_servos(replace(model, laws=tuple(laws)), servos, complete=True)
-
-
-def _rolled(
-    given: Model, extended: Model, data: ServoData
-) -> tuple[ServoRollOut, ServoRollOut, tuple[ServoTrace, ...]]:
-    """Closed loops of held-out recordings before and after; `nominal` of the traces is the given simulation."""
-    before, first = closed_loops(given, given.servos, data.held_out)
-    after, traces = before, first
-    if extended.servos != given.servos or extended.laws != given.laws:
-        after, traces = closed_loops(extended, extended.servos, data.held_out)
-    return before, after, tuple(replace(x, nominal=own.simulated) for x, own in zip(traces, first, strict=True))
-
-
-def _repeats(model: Model, data: ServoData, noise: Array) -> ServoRepeats | None:
-    """Repeats of one command among all recordings; `model` is the extended simulation. noise: (n,) [rad or m]."""
-    grids = data.train if data.held_out is data.train else (*data.train, *data.held_out)
-    driven = [j for j, joint in enumerate(data.joints) if joint in model.servos and joint in data.driven]
-    return servo_repeats(grids, driven, noise, lambda grid: roll_out(model, model.servos, grid) - grid.q)
-
-
-def _worse(before: ServoRollOut, after: ServoRollOut) -> Iterator[str]:
-    """Sentences on joints whose whole held-out recordings the extended simulation predicts worse."""
-    for joint, unit, old, new in zip(after.joints, after.units, before.whole_rms, after.whole_rms, strict=True):
-        if new > FLAGGED_RMS_GROWTH * old:
-            yield (
-                f"{joint}: over whole held-out recordings, the rms error grows from {old:.3g} to {new:.3g} {unit} with "
-                f"what was found; it explains short motions only"
-            )
 
 
 def _say(progress: Progress | None, step: str, share: float) -> None:
@@ -225,7 +198,8 @@ def servo_repeats(
 
 def repeated(grids: Sequence[ServoGrid], driven: Sequence[int]) -> list[Pair]:
     """Stretches of at least MIN_REPEAT_SECONDS whose commands are equal and change, each with its later repeats."""
-    inputs = [_inputs(grid, driven) for grid in grids]
+    signals = [(grid.command, grid.on, grid.command_speed, grid.feed_forward) for grid in grids]
+    inputs = [np.hstack([x[:, driven] for x in each if x is not None]) for each in signals]  # all that drives are given
     size = np.max([np.max(x, axis=0) for x in inputs], axis=0) - np.min([np.min(x, axis=0) for x in inputs], axis=0)
     tolerance = COMMAND_TOLERANCE * size + 1e-9
     length = round(MIN_REPEAT_SECONDS * grids[0].rate)
@@ -240,12 +214,6 @@ def repeated(grids: Sequence[ServoGrid], driven: Sequence[int]) -> list[Pair]:
                 if not any(p.a == a and p.b == b and p.j - p.i == j - i and p.i <= i < p.i + p.rows for p in found):
                     found.append(_grown(inputs, Pair(a, i, b, j, length), tolerance))
     return found
-
-
-def _inputs(grid: ServoGrid, driven: Sequence[int]) -> Array:
-    """All that a drive is given, a row each: commands, their speed, feed-forward, torque on or off."""
-    given = (grid.command, grid.on, grid.command_speed, grid.feed_forward)
-    return np.hstack([x[:, driven] for x in given if x is not None])
 
 
 def _places(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import islice
 
 import numpy as np
 
@@ -12,8 +13,8 @@ from ...diagnose.evidence.bayes_factors import StackedPriors, log_bayes_factor
 from ...effects.drive import Reach
 from ...types import TWO_SIDED, Array
 from ..fit.coordinates import BODY, Coordinates, Slot
+from ..fit.fit import damped
 from ..fit.normal import Normal, StateSlopes, covariance, derivatives, nearby, reduced, state_slopes
-from ..fit.solve import damped
 from .closed_loop import ClosedLoop
 from .hypotheses import HYPOTHESES, DriveHypothesis
 
@@ -312,7 +313,16 @@ def refine(setting: Setting, trials: Sequence[Attempt], iterations: int = 6, tol
     for _ in range(iterations):
         if not active:
             break
-        moved = _step(setting, [trials[k] for k in active])
+        before = [trials[k] for k in active]
+        points = [
+            trial.where.at(damped(trial.where, at, trial.where.values, damping))
+            for trial, at in zip(before, _normals(setting, [trial.where for trial in before]), strict=True)
+            for damping in DAMPINGS
+        ]
+        tried, count = map(Attempt, points, setting.evaluate(points)), len(DAMPINGS)
+        moved = [  # the best of the dampings, or the values before
+            min([trial, *islice(tried, count)], key=lambda t: t.cost(setting.sigma)) for trial in before
+        ]
         gains = [
             1 - new.cost(setting.sigma) / trials[k].cost(setting.sigma) for k, new in zip(active, moved, strict=True)
         ]
@@ -333,21 +343,6 @@ def spread(setting: Setting, trial: Attempt) -> Array:
     (at,) = _normals(setting, [where])
     weight = where.prior(where.values)[0] / where.slope(where.values) ** 2
     return covariance(at.information + np.diag(weight), at.scores)
-
-
-def _step(setting: Setting, trials: Sequence[Attempt]) -> list[Attempt]:
-    """The best of several dampings for each hypothesis, or its values before."""
-    normals = _normals(setting, [trial.where for trial in trials])
-    points = [
-        trial.where.at(damped(trial.where, at, trial.where.values, damping))
-        for trial, at in zip(trials, normals, strict=True)
-        for damping in DAMPINGS
-    ]
-    moved = [Attempt(point, squares) for point, squares in zip(points, setting.evaluate(points), strict=True)]
-    n = len(DAMPINGS)
-    return [
-        min([trial, *moved[n * k : n * (k + 1)]], key=lambda t: t.cost(setting.sigma)) for k, trial in enumerate(trials)
-    ]
 
 
 def _normals(setting: Setting, wheres: Sequence[Coordinates]) -> list[Normal]:

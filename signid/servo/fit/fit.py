@@ -1,9 +1,13 @@
-"""Output-error fit of drives over short windows of the closed loop (multiple shooting)."""
+"""Output-error fit of drives: Gauss-Newton with bounds and Levenberg damping along ratios and common scales.
+
+The cost may have several valleys: along scales of torque that the data hardly set, and at limits that are not reached.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -13,7 +17,7 @@ from ...frozen import Frozen
 from ...model import Model
 from ...servos import LOOP_NUMBERS, Servo, ServoGrid
 from ...types import Array, Mask, Robot
-from ..given import OWN, Assumptions, Name, unions
+from ..given import UNSHARED, Assumptions, Name, unions
 from ..plant.course import (
     FIT_SUBSTEP,
     SEARCH_SUBSTEP,
@@ -27,9 +31,35 @@ from ..plant.course import (
     single,
 )
 from .coordinates import Coordinates, slots, started, typical
-from .normal import Certainty, FitPoint, certainty, normal, slopes_at
-from .solve import Solved, scan, solve
-from .windows import FitWindows, shoot, window_places, windows_of
+from .normal import (
+    Certainty,
+    FitPoint,
+    FitWindows,
+    Normal,
+    certainty,
+    cost,
+    covariance,
+    normal,
+    residuals,
+    settle,
+    shoot,
+    slopes_at,
+    window_places,
+    windows_of,
+)
+
+CENTRAL_GAIN = 0.05  # relative gain of the cost below which differences become central
+WIDENING_GAIN, TOLERANCE = 1e-3, 1e-5  # relative gain of the cost below which differences widen, or the fit ends
+DIFFERENCE_FACTORS = (1.0, 4.0)  # differences that are tried one after another
+FIRST_DAMPING, MIN_DAMPING, DAMPING_RISE, DAMPING_FALL, DAMPING_TRIALS = 1e-2, 1e-7, 6.0, 0.1, 6  # [1] factors
+SMALLEST_NOISE = 1e-5  # [rad or m]
+WEAK_KP_STD = 0.2  # standard deviation of kp over kp from which other scales are tried
+SCALE_FACTORS = (10.0, 0.1)
+LIMIT_FACTORS = (0.6, 0.35)  # limits of torque over stiffness at the start times the largest error
+MIN_LIMIT_INFLUENCE = 1.0  # squared influence of a relative change of a limit, over the noise: below it is not reached
+MAX_SCANNED = 2  # joints of a group that are tried
+SCAN_STEPS = 6  # steps from another scale
+MIN_VALLEY_GAIN = 0.02  # gain of the logarithm of the squared residual that is worth another valley
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +96,7 @@ class ServoFit(Frozen):
         return np.sqrt(np.diag(self.covariance))
 
 
-AGAIN = 8  # most steps about the simulated motion
+RELINEARISED_STEPS = 8  # most steps about the simulated motion
 LINEAR_STEP = 0.002  # [s] of the rows that a fit about the simulated motion is linear in
 
 
@@ -110,14 +140,17 @@ def fit_servos(
     branches, assumed = groups(robot, acting), assumptions or Assumptions()
     rest = branches, coarse, usual or {}, assumed
     task = _Task(grids, robot, courses, dict(servos), tuple(free), tuple(window_places(grids, window)), *rest)
-    joints = _linked(task)
+    names = robot.joints
+    equal = [[joint for joint in members if joint in servos] for members in assumed.equal]
+    linked = unions([*([names[j] for j in branch] for branch in branches), *filter(None, equal)])
+    joints = tuple(sorted(tuple(sorted(map(names.index, members))) for members in linked))  # share a body or a number
     first = replace(task, coarse=coarse or (relinearise and not scales))
     fits = [_fit_group(first, group, iterations, scales=scales) for group in joints]
     steps = 0
     if relinearise:
         steps = max(f.solved.steps for f in fits)
         task = replace(task, about=_about(task, joints, fits))
-        fits = [_fit_group(task, g, min(AGAIN, iterations), f) for g, f in zip(joints, fits, strict=True)]
+        fits = [_fit_group(task, g, min(RELINEARISED_STEPS, iterations), f) for g, f in zip(joints, fits, strict=True)]
     return _collect(task, joints, fits, steps)
 
 
@@ -162,24 +195,6 @@ def _check(grids: Sequence[ServoGrid], servos: Mapping[str, Servo], free: Sequen
             raise OptionError(f"no number {number!r} of a servo at {joint!r}; choose from {shorten(LOOP_NUMBERS, 20)}")
 
 
-def _linked(task: _Task) -> tuple[tuple[int, ...], ...]:
-    """Joints in groups that share a moved body or a number."""
-    names = task.robot.joints
-    branches = [[names[j] for j in branch] for branch in task.branches]
-    equal = [[joint for joint in members if joint in task.servos] for members in task.assumptions.equal]
-    return tuple(sorted(tuple(sorted(map(names.index, one))) for one in unions([*branches, *filter(None, equal)])))
-
-
-def _same(task: _Task, names: Sequence[str]) -> dict[str, list[int]]:
-    """Labels of the joints of a group by number: those with the same label share it."""
-    equal = [[joint for joint in members if joint in names] for members in task.assumptions.equal]
-    out = {}
-    for number in LOOP_NUMBERS:
-        sets = unions([*([name] for name in names), *(filter(None, equal) if number != OWN else ())])
-        out[number] = [next(k for k, members in enumerate(sets) if name in members) for name in names]
-    return out
-
-
 def _fit_group(
     task: _Task, joints: tuple[int, ...], iterations: int, before: _Group | None = None, scales: bool = True
 ) -> _Group:
@@ -188,7 +203,11 @@ def _fit_group(
     free = [[number for joint, number in task.free if joint == name] for name in names]
     drives = tuple(started(task.servos[name], mine, size) for name, mine, size in zip(names, free, sizes, strict=True))
     branches = [[joints.index(j) for j in branch] for branch in task.branches if branch[0] in joints]
-    same = _same(task, names)
+    equal = [[joint for joint in members if joint in names] for members in task.assumptions.equal]
+    same: dict[str, list[int]] = {}
+    for number in LOOP_NUMBERS:  # labels of the joints: those with the same one share the number
+        shared = unions([*([name] for name in names), *(filter(None, equal) if number != UNSHARED else ())])
+        same[number] = [next(k for k, members in enumerate(shared) if name in members) for name in names]
     usual = [task.usual.get(name, 0.0) for name in names]
     assumed = task.assumptions
     priors = {(names.index(j), number): x for (j, number), x in assumed.priors.items() if j in names}
@@ -232,7 +251,10 @@ def _collect(task: _Task, joints: Sequence[tuple[int, ...]], fits: Sequence[_Gro
     for group, fit in zip(joints, fits, strict=True):
         columns = list(group)
         squares[:, columns] = np.sum(fit.solved.residual**2, axis=1) / (fit.windows.rows[:, None] + 1)
-        share[columns] = _saturated(fit)
+        point, windows = fit.solved.point, fit.windows
+        hits = shoot(windows, fit.where.copies(point.values[None]), point.q0[None], point.v0[None])[1][0].sum(0)
+        on = (windows.joined.column("on")[windows.places[:, :-1]] > 0.5) & windows.inside[:, 1:, None]
+        share[columns] = np.asarray(hits / np.maximum(windows.joined.parts * on.sum((0, 1)), 1))
         for j, servo in zip(group, fit.where.at(fit.solved.point.values).servos, strict=True):
             servos[task.robot.joints[j]] = servo
     owners = [
@@ -280,9 +302,135 @@ def _certainty(fit: _Group, task: _Task) -> tuple[Certainty, Array]:
     return Certainty(covariance, spread), at.information + prior
 
 
-def _saturated(fit: _Group) -> Array:
-    """Share (n,) of the time with the drive on that it spends at its limit."""
-    point, windows = fit.solved.point, fit.windows
-    hits = shoot(windows, fit.where.copies(point.values[None]), point.q0[None], point.v0[None])[1][0].sum(0)
-    on = (windows.joined.column("on")[windows.places[:, :-1]] > 0.5) & windows.inside[:, 1:, None]
-    return np.asarray(hits / np.maximum(windows.joined.parts * on.sum((0, 1)), 1))
+class Solved(NamedTuple):
+    """End of a fit."""
+
+    point: FitPoint
+    residual: Array  # (W, T, n) [rad or m] at the point
+    noise: Array  # (n,) [rad or m]
+    steps: int
+
+    @property
+    def badness(self) -> float:
+        """Sum over joints of the logarithm of the squared residual, to compare ends of one fit."""
+        return float(2 * np.log(self.noise).sum())
+
+
+def solve(windows: FitWindows, where: Coordinates, point: FitPoint, iterations: int, coarse: bool = False) -> Solved:
+    """Minimise the weighted output error from a point; `coarse`: until a step gains little.
+
+    Dry friction makes the cost rough: where no step along the model of small differences brings it down, larger
+    differences see over the roughness. Derivatives serve further steps, which count for nothing, as long as these gain
+    enough, and not so much that the derivatives must be others.
+
+    iterations: most times that derivatives are computed.
+    """
+    damping, steps, wide, central = FIRST_DAMPING, 0, 0, False
+    last, slopes = 1 if coarse else len(DIFFERENCE_FACTORS), None
+    residual = residuals(windows, where, point)
+    noise = noise_of(residual[windows.inside], robust=True)
+    left_over = iterations
+    while left_over > 0:
+        known = slopes is not None
+        left_over -= not known
+        slopes = slopes or slopes_at(windows, where, point, DIFFERENCE_FACTORS[wide], central)
+        here = normal(windows, slopes, residual, point, noise)
+        now = cost(windows, residual, point, noise) + where.prior_cost(point.values)
+        then, tried = np.inf, damping
+        for _ in range(1 if known else DAMPING_TRIALS):
+            values = damped(where, here, point.values, tried)
+            if np.isfinite(values).all():
+                state = here.state + np.einsum("wps,p->ws", here.across, values - point.values)
+                states = -np.einsum("wsu,wu->ws", here.inverse, state)
+                new, left = settle(windows, where, point, (values, states), noise)
+                then = cost(windows, left, new, noise) + where.prior_cost(values)
+            if np.isfinite(then) and then < now:
+                break
+            tried *= DAMPING_RISE
+        small = not then < now * (1 - (WIDENING_GAIN if coarse or wide + 1 < len(DIFFERENCE_FACTORS) else TOLERANCE))
+        far = then < now * (1 - CENTRAL_GAIN)
+        if then < now:
+            point, residual, steps = new, left, steps + 1
+            damping = max(tried * DAMPING_FALL, MIN_DAMPING)
+            noise = noise_of(residual[windows.inside])
+        elif not known:
+            damping = tried
+        slopes = None if small or far else slopes
+        if small and not known:
+            wide, damping = wide + (central or coarse), min(damping, FIRST_DAMPING)
+        if wide == last:
+            break
+        central = central or not (far or coarse)
+    return Solved(point, residual, noise, steps)
+
+
+def noise_of(residual: Array, robust: bool = False) -> Array:
+    """Size (n,) of the residual (M, n) of each joint [rad or m]; `robust`: by its median."""
+    middle = np.median(residual**2, axis=0) / 0.455 if robust else np.mean(residual**2, axis=0)
+    return np.asarray(np.maximum(np.sqrt(middle), SMALLEST_NOISE))
+
+
+def damped(where: Coordinates, here: Normal, values: Array, damping: float) -> Array:
+    """Values after a Gauss-Newton step within bounds, damped along ratios and scales; values: (P,) [SERVO_UNITS]."""
+    slope, x = where.slope(values), where.x(values)
+    precision, off = where.prior(values)
+    information = here.information * np.outer(slope, slope) + np.diag(precision)
+    gradient = here.scores.sum(0) * slope + precision * off
+    ratios = where.ratios(values)
+    size = np.diag(ratios.T @ information @ ratios) + 1e-12
+    back = np.linalg.inv(ratios)
+    low, high, longest = np.array([(s.low, s.high, s.longest) for s in where.slots]).reshape(-1, 3).T
+    room = low - x, np.maximum(high - x, 0.0)
+    dx = _bounded(information + damping * back.T @ (size[:, None] * back), gradient, room, longest)
+    return where.values_at(np.clip(x + dx, low, np.maximum(high, x)))
+
+
+def _bounded(matrix: Array, gradient: Array, room: tuple[Array, Array], most: Array) -> Array:
+    """Step (P,) of a quadratic model; coordinates that would leave their bounds stay there.
+
+    room: (P,) each, the least and the largest step.
+    """
+    step, free = np.zeros(len(gradient)), np.ones(len(gradient), dtype=bool)
+    for _ in range(len(gradient)):
+        step[~free] = np.clip(step, *room)[~free]
+        rest = gradient + matrix[:, ~free] @ step[~free]
+        step[free] = -np.linalg.solve(matrix[np.ix_(free, free)], rest[free])
+        out = free & ((step < room[0]) | (step > room[1]))
+        if not out.any() or (free & ~out).sum() == 0:
+            break
+        free &= ~out
+    return np.clip(step, -most, most)
+
+
+def scan(windows: FitWindows, where: Coordinates, solved: Solved, iterations: int) -> Solved:
+    """Best end of a fit over the scales of its weak joints and the limits that it does not reach, one by one."""
+    slopes = slopes_at(windows, where, solved.point)
+    best, at = solved, normal(windows, slopes, solved.residual, solved.point, solved.noise)
+    for i in (*untouched(where, solved, at), *weakest(where, solved, at)):
+        ends = [best]
+        for factor in SCALE_FACTORS if where.slots[i].number == "kp" else LIMIT_FACTORS:
+            values = best.point.values.copy()
+            if where.slots[i].number == "kp":
+                values[where.scaled(i)] *= factor
+            else:
+                values[i] = factor * where.slots[i].typical
+            start = FitPoint(values, best.point.q0, best.point.v0)
+            ends.append(solve(windows, where, start, min(SCAN_STEPS, iterations)))
+        other = min(ends, key=lambda end: end.badness)
+        if other.badness < best.badness - MIN_VALLEY_GAIN:
+            best = solve(windows, where, other.point, iterations)
+    return best
+
+
+def weakest(where: Coordinates, solved: Solved, at: Normal) -> list[int]:
+    """Slots of the stiffnesses with the widest intervals, if these are wide: at most MAX_SCANNED."""
+    std = np.sqrt(np.diag(covariance(at.information, at.scores)))
+    share = {i: float(std[i] / solved.point.values[i]) for i, slot in enumerate(where.slots) if slot.number == "kp"}
+    return sorted((i for i in share if share[i] > WEAK_KP_STD), key=lambda i: -share[i])[:MAX_SCANNED]
+
+
+def untouched(where: Coordinates, solved: Solved, at: Normal) -> list[int]:
+    """Slots of the limits of torque without influence, at joints with the largest residuals: at most MAX_SCANNED."""
+    weight = np.diag(at.information) * solved.point.values**2
+    found = [i for i, s in enumerate(where.slots) if s.number == "effort_limit" and weight[i] < MIN_LIMIT_INFLUENCE]
+    return sorted(found, key=lambda i: -float(solved.noise[where.slots[i].joint]))[:MAX_SCANNED]

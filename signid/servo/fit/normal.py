@@ -1,16 +1,24 @@
-"""Normal equations of the output error over windows; initial states of the windows are eliminated (Schur)."""
+"""Short windows of recordings (multiple shooting), their simulation and the normal equations of their output error.
+
+The initial states of the windows are eliminated (Schur).
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import chi2, t
 
 from ...estimation.repeats import jackknife_variance, spread_between, spread_covariance
-from ...types import TWO_SIDED, Array, Indices
+from ...servos import Servo, ServoGrid
+from ...types import TWO_SIDED, Array, Indices, Mask
+from ..plant.course import FIT_SUBSTEP, Copies, JoinedGrids, RobotCourse, substeps
+from ..plant.kernel import LoopBodies, Starts, simulate
 from .coordinates import DIFFERENCE, Coordinates
-from .windows import MOST_VALUES, FitWindows, shoot
 
 STATE = (2e-3, 0.3)  # prior of an initial state about the smoothed one: [rad or m], [rad/s or m/s]
 NUDGE = (1e-4, 1e-2)  # differences of initial states
@@ -19,10 +27,11 @@ WINDOWS_PER_NUMBER = 0.4  # windows that each fitted number takes from the sandw
 NEIGHBOURS = 3  # windows apart that may be correlated
 BLOCKS = 6  # of the windows of a recording: of some seconds, since windows a few apart are correlated (Go2)
 LEAST_REST = 0.25  # share of the windows of a recording that its numbers leave, below which it is not judged alone
-DEPENDENT = 0.01  # probability by chance of a variance between blocks, below which the windows are not independent
+DEPENDENT_PROBABILITY = 0.01  # of such a variance between blocks by chance, below which windows are not independent
 MIN_ROBUST_VARIANCE = 1e-24  # variance over the widest one, below which it counts as this
-NOTHING = 1e-12  # influence over the largest one, below which a number is not identifiable
-WEAK = 1e-12  # relative eigenvalue of the information below which a direction is not identifiable
+MIN_INFLUENCE = 1e-12  # influence over the largest one, below which a number is not identifiable
+MIN_EIGENVALUE = 1e-12  # relative eigenvalue of the information below which a direction is not identifiable
+MOST_VALUES = 6_000_000  # positions simulated at a time
 
 
 class FitPoint(NamedTuple):
@@ -121,12 +130,19 @@ def slopes_at(
 ) -> Slopes:
     """Derivatives at a point; `wide` multiplies the differences, central or forward."""
     differences, n = nearby(where, point.values, wide, central), windows.q0.shape[1]
-    most = max(MOST_VALUES // ((len(differences.values) + 2 * n) * (windows.longest + 1) * n), 1)
+    table = differences.values
+    copies, count = where.copies(np.concatenate([table, np.repeat(table[:1], 2 * n, 0)])), len(table)
+    most = max(MOST_VALUES // ((count + 2 * n) * (windows.longest + 1) * n), 1)
     parts = []
-    for k in range(0, len(windows), most):
-        some = slice(k, k + most)
-        at = FitPoint(point.values, point.q0[some], point.v0[some])
-        parts.append(_slopes(windows.part(some), where, at, differences))
+    for first in range(0, len(windows), most):
+        rows = slice(first, first + most)
+        q0, v0 = (np.repeat(x[None, rows], count + 2 * n, 0) for x in (point.q0, point.v0))
+        for j in range(n):  # one state differs in each of the last 2n copies
+            q0[count + j, :, j] += NUDGE[0]
+            v0[count + n + j, :, j] += NUDGE[1]
+        positions = shoot(windows.part(rows), copies, q0, v0)[0]
+        by_state = (positions[count:] - positions[0]) / np.repeat(NUDGE, n)[:, None, None, None]
+        parts.append(Slopes(derivatives(positions[:count], where, differences), by_state))
     return Slopes(*(np.concatenate(each, axis=1) for each in zip(*parts, strict=True)))
 
 
@@ -202,25 +218,6 @@ def _state_prior(n: int) -> Array:
     return np.repeat([STATE[0] ** -2.0, STATE[1] ** -2.0], n)
 
 
-def _nudged(point: FitPoint, before: int) -> tuple[Array, Array]:
-    """States (C, W, n) of `before` copies at a point and of 2n copies, in each of which one state differs."""
-    n = point.q0.shape[1]
-    starts = tuple(np.repeat(x[None], before + 2 * n, 0) for x in (point.q0, point.v0))
-    for k in range(2):
-        for j in range(n):
-            starts[k][before + k * n + j, :, j] += NUDGE[k]
-    return starts[0], starts[1]
-
-
-def _slopes(windows: FitWindows, where: Coordinates, point: FitPoint, differences: Differences) -> Slopes:
-    """Derivatives of some windows."""
-    table, n = differences.values, point.q0.shape[1]
-    copies = where.copies(np.concatenate([table, np.repeat(table[:1], 2 * n, 0)]))
-    out = shoot(windows, copies, *_nudged(point, len(table)))[0]
-    by_state = (out[len(table) :] - out[0]) / np.repeat(NUDGE, n)[:, None, None, None]
-    return Slopes(derivatives(out[: len(table)], where, differences), by_state)
-
-
 def covariance(information: Array, scores: Array, prior: Array | None = None) -> Array:
     """Covariance (P, P) in the units of the values; infinite variance without influence.
 
@@ -275,7 +272,7 @@ def certainty(at: Normal, recording: Indices, prior: Array, ratios: Array) -> Ce
         x, right = (np.array([one[some].sum(0) for some in blocks]) for one in (each, moved))
         ratio, free = jackknife_variance(x, right, inner, len(inner)) / known, len(blocks) - len(own)
         few = (t.ppf(0.975, len(blocks) - 1) / TWO_SIDED) ** 2
-        wider = np.where(chi2.sf(free * ratio / few, free) < DEPENDENT, np.maximum(ratio, 1.0), 1.0)
+        wider = np.where(chi2.sf(free * ratio / few, free) < DEPENDENT_PROBABILITY, np.maximum(ratio, 1.0), 1.0)
     lost = WINDOWS_PER_NUMBER * len(inner)  # windows of each recording
     alone = np.array([np.diag(_inverse(x + inner)) for x in parts]) / np.maximum(np.diag(whole), 1e-300)
     alone = np.where(alone > 0, alone, np.inf) * known * wider * max(len(moved) - lost, len(moved) / 4) / len(moved)
@@ -302,7 +299,134 @@ def _meat(scores: Array, lags: int) -> Array:
 def _inverse(matrix: Array) -> Array:
     """Inverse of an information (P, P) relative to its diagonal; zero of numbers without influence."""
     size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
-    scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > NOTHING * size.max(initial=0.0))
+    scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > MIN_INFLUENCE * size.max(initial=0.0))
     values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
-    least = WEAK * values.max(initial=1.0)
+    least = MIN_EIGENVALUE * values.max(initial=1.0)
     return np.asarray((vectors / np.maximum(values, least)) @ vectors.T * np.outer(scale, scale))
+
+
+@dataclass(frozen=True, eq=False)
+class FitWindows:
+    """W windows of recordings of n coupled joints; T: rows of the longest one + 1."""
+
+    joined: JoinedGrids
+    bodies: LoopBodies  # along the motion that the robot is linear about
+    first: Indices  # (W,) first row, of all recordings
+    rows: Indices  # (W,) rows that are simulated
+    q0: Array  # (W, n) [rad or m] smoothed, at the start
+    v0: Array  # (W, n) [rad/s or m/s] smoothed, at the start
+    longest: int  # T - 1
+    branches: tuple[tuple[tuple[int, ...], FitWindows], ...] = ()  # independent ones: their joints, and these alone
+
+    @cached_property
+    def inside(self) -> Mask:
+        """Which of the rows (W, T) a window has."""
+        return np.arange(self.longest + 1) <= self.rows[:, None]
+
+    @property
+    def places(self) -> Indices:
+        """Rows of all recordings (W, T); the last one of a window stands for those after it."""
+        return np.asarray(self.first[:, None] + np.minimum(np.arange(self.longest + 1), self.rows[:, None]))
+
+    @cached_property
+    def measured(self) -> Array:
+        """Positions (W, T, n) [rad or m], zero after a window."""
+        return np.asarray(np.where(self.inside[:, :, None], self.joined.column("q")[self.places], 0.0))
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+    def part(self, some: slice) -> FitWindows:
+        """Some of the windows."""
+        branches = tuple((joints, branch.part(some)) for joints, branch in self.branches)
+        new = replace(self, first=self.first[some], rows=self.rows[some], branches=branches)
+        return replace(new, q0=self.q0[some], v0=self.v0[some])
+
+    def apart(self, branches: Sequence[Sequence[int]]) -> FitWindows:
+        """The same, whose branches are simulated one by one: joints that share no moved body."""
+        return replace(self, branches=tuple((tuple(joints), self._only(list(joints))) for joints in branches))
+
+    def _only(self, joints: list[int]) -> FitWindows:
+        x, square = self.bodies, np.ix_(range(len(self.bodies.bias)), joints, joints)
+        mass, by_q, by_v = (np.ascontiguousarray(one[square]) for one in (x.mass, x.by_q, x.by_v))
+        bias, q, v = (np.ascontiguousarray(one[:, joints]) for one in (x.bias, x.q, x.v))
+        joined = JoinedGrids(self.joined.grids, tuple(self.joined.joints[j] for j in joints), self.joined.parts)
+        bodies = LoopBodies(mass, bias, by_q, by_v, q, v, x.wave[joints])
+        return replace(self, joined=joined, bodies=bodies, q0=self.q0[:, joints], v0=self.v0[:, joints])
+
+
+def windows_of(
+    grids: Sequence[ServoGrid],
+    joints: Sequence[int],
+    servos: Sequence[Servo],
+    courses: Sequence[RobotCourse],
+    places: Sequence[tuple[int, int, int]],
+    about: Sequence[RobotCourse] = (),
+    *,
+    longest: float = FIT_SUBSTEP,
+) -> FitWindows:
+    """Windows of n joints at places: index of a grid, first row and rows.
+
+    Args:
+        grids: recordings, all of the same joints and one rate.
+        joints: columns of the grids.
+        servos: n drives, the stiffest ones of the fit.
+        courses: of the joints along each recorded motion.
+        places: of the windows.
+        about: courses along the motions that the robot is linear about, of as many rows as the grids or a multiple;
+            default: along the recorded ones.
+        longest: substep [s].
+    """
+    inertia = np.min([np.diagonal(along.mass, axis1=1, axis2=2).min(0) for along in courses], axis=0)
+    finer = sum(len(along.bias) for along in about) // sum(map(len, grids)) if about else 1
+    joined = JoinedGrids(tuple(grids), tuple(joints), substeps(grids[0].step, servos, inertia, finer, longest))
+    grid, first, rows = np.array(places).T
+    first = np.cumsum([0, *map(len, grids)])[grid] + first
+    q, v = (np.concatenate([along.motion[k] for along in courses])[first] for k in range(2))
+    return FitWindows(joined, joined_bodies(about or courses), first, rows, q, v, int(rows.max()))
+
+
+def joined_bodies(courses: Sequence[RobotCourse]) -> LoopBodies:
+    """Bodies along the motions of several recordings, one after another."""
+    bodies = [along.bodies for along in courses]
+    columns = [np.concatenate(each) for each in zip(*bodies, strict=True)]
+    return LoopBodies(*columns)._replace(wave=bodies[0].wave)
+
+
+def window_places(grids: Sequence[ServoGrid], window: float) -> list[tuple[int, int, int]]:
+    """Index of the grid, first row and rows of windows [s], one after another; a short grid is one window."""
+    places = []
+    for k, grid in enumerate(grids):
+        rows = min(max(int(round(window * grid.rate)), 3), len(grid) - 1)
+        places += [(k, first, rows) for first in range(0, len(grid) - rows, rows)]
+    return places
+
+
+def shoot(
+    windows: FitWindows, copies: Copies, q0: Array, v0: Array, bodies: LoopBodies | None = None
+) -> tuple[Array, Array]:
+    """Positions (C, W, T, n), zero after a window, and saturated substeps (C, W, n) of C copies.
+
+    q0: (C, W, n) [rad or m]; v0: (C, W, n) [rad/s or m/s]; bodies: other ones.
+    """
+    if windows.branches and bodies is None:
+        return _shoot_apart(windows, copies, q0, v0)
+    starts = Starts(windows.first, windows.rows, windows.longest, np.ascontiguousarray(q0), np.ascontiguousarray(v0))
+    positions, saturated = simulate(bodies or windows.bodies, windows.joined.drives(copies), starts)
+    return positions, saturated
+
+
+def _shoot_apart(windows: FitWindows, copies: Copies, q0: Array, v0: Array) -> tuple[Array, Array]:
+    """As `shoot`, a branch at a time; copies that are the same in a branch are simulated there once."""
+    count = len(copies.numbers)
+    positions = np.empty((count, *windows.measured.shape))
+    saturated = np.empty((count, *windows.q0.shape))
+    for joints, branch in windows.branches:
+        own = list(joints)
+        numbers, laws, q, v = copies.numbers[:, own], copies.laws[:, own], q0[:, :, own], v0[:, :, own]
+        rows = np.concatenate([x.reshape(count, -1) for x in (numbers, laws, q, v)], axis=1)
+        _, first, same = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+        drives = Copies(numbers[first], laws[first], tuple(copies.kd_on[j] for j in own))
+        found = shoot(branch, drives, q[first], v[first])
+        positions[..., own], saturated[..., own] = (x[same.ravel()] for x in found)
+    return positions, saturated

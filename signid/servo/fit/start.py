@@ -20,8 +20,7 @@ from ...types import Array, Mask
 from ..plant.course import RobotCourse, bodies_of, copies_of, groups, motion_of, part, recorded_course
 from ..plant.grid import commands_at
 from ..plant.torque import EFFORT
-from .normal import NUDGE, STATE, state_slopes
-from .windows import FitWindows, shoot, window_places, windows_of
+from .normal import NUDGE, STATE, FitWindows, shoot, state_slopes, window_places, windows_of
 
 DELAYS = tuple(k * 0.005 for k in range(13))  # [s]
 SHARES = (0.15, 0.25, 0.35, 0.5, 0.65, 0.8, 0.9)  # quantiles of |error| that are tried as its limit
@@ -182,30 +181,21 @@ def start_limits(
     acting = [j for j, joint in enumerate(grids[0].joints) if joint in servos]
     for joints in groups(robot, acting):
         names = [grids[0].joints[j] for j in joints]
-        if any(name in top for name in names):
-            squares = _squares(model, grids, joints, [servos[name] for name in names], [top.get(n) for n in names])
-            best = np.argmin(squares, axis=0)
-            found.update({n: LIMITS[k] * top[n] for n, k in zip(names, best, strict=True) if n in top})
+        if not any(name in top for name in names):
+            continue
+        drives = [servos[name] for name in names]
+        copies = copies_of([drives] * len(LIMITS))
+        for i, name in enumerate(names):
+            if name in top:
+                copies.numbers[:, i, EFFORT] = top[name] * np.array(LIMITS)
+        along = [part(recorded_course(model, grid), joints) for grid in grids]
+        windows = windows_of(grids, joints, drives, along, window_places(grids, BRIEF))
+        q0, v0 = (np.repeat(x[None], len(LIMITS), 0) for x in (windows.q0, windows.v0))
+        error = shoot(windows, copies, q0, v0)[0] - windows.measured
+        squares = np.nan_to_num(error**2, nan=np.inf).sum(axis=(1, 2)) / windows.inside.sum()
+        best = np.argmin(squares, axis=0)
+        found.update({name: LIMITS[k] * top[name] for name, k in zip(names, best, strict=True) if name in top})
     return found
-
-
-def _squares(
-    model: Model,
-    grids: Sequence[ServoGrid],
-    joints: Sequence[int],
-    drives: Sequence[Servo],
-    top: Sequence[float | None],
-) -> Array:
-    """Mean squares (K, n) [rad2 or m2] of the joints of a branch at K shares of their largest torques."""
-    copies = copies_of([drives] * len(LIMITS))
-    for i, most in enumerate(top):
-        if most is not None:
-            copies.numbers[:, i, EFFORT] = most * np.array(LIMITS)
-    along = [part(recorded_course(model, grid), joints) for grid in grids]
-    windows = windows_of(grids, joints, drives, along, window_places(grids, BRIEF))
-    q0, v0 = (np.repeat(x[None], len(LIMITS), 0) for x in (windows.q0, windows.v0))
-    error = shoot(windows, copies, q0, v0)[0] - windows.measured
-    return np.asarray(np.nan_to_num(error**2, nan=np.inf).sum(axis=(1, 2)) / windows.inside.sum())
 
 
 def first_state(model: Model, grid: ServoGrid) -> tuple[Array, Array]:

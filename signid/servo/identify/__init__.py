@@ -1,6 +1,6 @@
 """Identify position drives from commanded and measured positions: law, numbers, intervals, what is identifiable."""
 
-from ..search.searcher import ServoOptions
+from ..search.choice import ServoOptions
 from .result import FrictionModel, ServoIdentification, ServoJoint, ServoNumber, ServoRollOut, ServoScale, ServoTrace
 from .run import identify_servos
 

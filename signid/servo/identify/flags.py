@@ -10,9 +10,8 @@ import numpy as np
 from ...errors import decimals, shorten
 from ..given import Assumptions, Name
 from ..search.data import ServoData
-from .facts import shortest_period
 from .fits import STATED
-from .identifiable import ONE_NUMBER, RATIOS_KNOWN, UNREACHED, VAGUELY
+from .identifiable import ONE_NUMBER, RATIOS_KNOWN, UNREACHED, VAGUELY, shortest_period
 from .result import ServoJoint, ServoNumber, ServoRollOut
 
 NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w.]*\w)")  # that stands alone in a sentence

@@ -1,24 +1,37 @@
-"""Numbers of a drive that the recordings identify, and a sentence on each that they do not."""
+"""What recordings say of each joint, the numbers of its drive that they identify, and why not the others."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from ...errors import decimals, shorten
-from ...servos import LOOP_UNITS, SERVO_UNITS, SUM_PARTS, Servo
-from ...types import Array
+from ...robot.joints import similar_joints
+from ...servos import LOOP_UNITS, SERVO_UNITS, SUM_PARTS, Servo, ServoGrid
+from ...types import Array, Recording, Robot
+from ..fit import ServoFit
 from ..given import Bounds, Prior
+from ..plant import servo_grids
+from ..plant.course import bodies_of, recorded_course
+from ..search.choice import ServoProblem
+from ..search.data import ServoData, loop_error
 from .result import ServoNumber
 
-LIGHT = 0.15  # share of the torque that is known load, below which the scale is not identifiable (MuJoCo so101)
+FULL_DUTY = 0.95  # duty from which a sample is left out of the slope
+LINEAR_SHARE = 0.98  # share of the variance of the duty that the error explains
+OFF_SPEED = 0.02  # [rad/s or m/s] rms speed from which friction of a free joint acts
+MIN_DUTY_ROWS = 50  # least number of samples
+SLIDING = 0.05  # [rad/s or m/s] over which friction turns
+DAMPING_PARTS = 9  # of the damping of a drive
+POWER_SHARE = 0.95  # share of the power of the commands below the frequency of the shortest period
+MIN_KNOWN_LOAD = 0.15  # share of known load in the torque, below which the scale is not identifiable (MuJoCo so101)
 UNIQUE = 0.05  # the same for load that armature, friction and offset of the joint cannot give; at least
 LEAST_UNIQUE, UNIQUE_FACTOR = 0.01, 10.0  # this, and this multiple of the relative residual, where that is small
 VAGUE = 0.5  # std over value of a positive number beyond which it is not identifiable
-SPLIT = 0.1  # half a 95 % interval of the delay over the lag beyond which the two are one number
+MAX_DELAY_SHARE = 0.1  # half a 95 % interval of the delay over the lag beyond which the two are one number
 ONE_NUMBER = "kd and viscous friction are one number here"
 IDLE = "without effect in these recordings, so not identifiable"
 COMBINED = "identifiable only in combination"
@@ -28,7 +41,6 @@ RARE = 2e-3  # share of saturated samples below which the limit is not identifia
 TICK = 2e-5  # [s] std of when, within a tick of its loop, a drive uses a command and a speed: no log says it
 RANK = 1e-9  # eigenvalue of the normalised information, relative to 1, below which a direction is not identifiable
 MEMBER = 0.1  # component of a unit direction beyond which a number belongs to it
-
 SCALED = ("kp", "kd", "viscous_friction", "damping", "coulomb_friction", "armature", "effort_limit", "torque_offset")
 INVERSE_SCALED = ("droop",)
 SIGNED = ("torque_offset", "delay", "lag")
@@ -37,9 +49,155 @@ LIMITS = ("effort_limit", "speed_limit", "profile_speed")
 RATIOS = ("damping", "coulomb_friction", "torque_offset", "effort_limit", "armature")  # torques that are given over kp
 RATIOS_KNOWN = "; known ratios: "
 WAVE = "kp/armature"  # upside down: squared angular frequency of the unloaded joint
-
-
 Name = tuple[str, str]  # joint, number
+
+
+def facts_of(problem: ServoProblem, fit: ServoFit) -> dict[str, JointFacts]:
+    """Facts of each servo joint in the rows of a fit."""
+    data, assumed, fixed = problem.data, problem.assumptions, problem.assumptions.fixed
+    robot, courses = (
+        bodies_of(problem.model, data.joints),
+        [recorded_course(problem.model, grid) for grid in data.train],
+    )
+    loads = np.vstack([along.torque for along in courses])
+    v, a = (np.vstack([getattr(along.motion, key) for along in courses]) for key in "va")
+    bounds_of_fit, facts = list(zip(fit.names, fit.owners, fit.at_bound, strict=True)), dict[str, JointFacts]()
+    for joint, servo in fit.servos.items():
+        j = data.joints.index(joint)
+        reached, damping = reached_torque(servo, data.train, [along.motion.v[:, j] for along in courses], j)
+        share, unique = known_load_share(loads[:, j], v[:, j], a[:, j], servo)
+        by_masses = "kp" not in fixed.get(joint, {}) and (joint, "kp") not in assumed.priors
+        facts[joint] = JointFacts(
+            joint,
+            prismatic=bool(robot.prismatic[j]),
+            scale_known=assumed.scale != "nothing",
+            known_load_share=share,
+            unique_load_share=unique,
+            masses_set_scale=by_masses,
+            masses_error=assumed.masses_error * by_masses,
+            saturated_share=float(np.nan_to_num(fit.saturated_share[j])),
+            largest_torque=reached,
+            drive_damping=damping,
+            torque_off=moves_while_off(data, joint),
+            command_speed=servo.kd_on == "error",
+            command_timing=problem.command_timing.get(joint, 0.0),
+            full_duty_error=problem.full_duty.get(joint, 0.0),
+            stated=fixed.get(joint, {}),
+            priors={name: prior for (owner, name), prior in assumed.priors.items() if owner == joint},
+            bounds={name: bounds for (owner, name), bounds in assumed.bounds.items() if owner == joint},
+            at_bound=frozenset(name for (_, name), owners, at_bound in bounds_of_fit if at_bound and joint in owners),
+            unexplained=float(fit.residual_rms[j]) / max(loop_error(data, joint), 1e-12),
+        )
+    for members in similar_joints(tuple(facts)):  # a kp that is far too small makes the load of its joint look large
+        for name in ("known_load_share", "unique_load_share"):
+            usual = float(np.median([getattr(facts[joint], name) for joint in members]))
+            facts |= {j: replace(facts[j], **{name: min(getattr(facts[j], name), usual)}) for j in members}
+    return facts
+
+
+def known_load_share(load: Array, v: Array, a: Array, servo: Servo) -> tuple[float, float]:
+    """Share of a joint's rms torque [1] that its known masses give, and the share that only they can give.
+
+    load: (N,) torque of the masses [N.m or N]; v: (N,) [rad/s or m/s]; a: (N,) [rad/s2 or m/s2]. Armature,
+    friction and offset of the joint could produce
+    the rest of the load as well, so it does not set the scale.
+    """
+    friction = np.tanh(v / SLIDING)
+    own = np.column_stack([a, v, friction, np.ones_like(v)])
+    unique = load - own @ np.linalg.lstsq(own, load, rcond=None)[0]
+    total = load + servo.armature * a + servo.coulomb_friction * friction + servo.damping * v
+    size = max(_rms(total), 1e-150)
+    return float(min(_rms(load) / size, 1.0)), float(min(_rms(unique) / size, 1.0))
+
+
+def _rms(x: Array) -> float:
+    return float(np.sqrt(np.mean(x**2)))
+
+
+def demand(servo: Servo, grid: ServoGrid, v: Array, joint: int, damping: float) -> Array:
+    """Torque (N,) [N.m or N] that a recorded motion asks of a drive with some damping.
+
+    v: (N,) measured speed [rad/s or m/s]; damping [N.m.s/rad or N.s/m].
+    """
+    held = np.floor(np.arange(len(grid)) - servo.delay * grid.rate + 1e-9).astype(int)
+    error = grid.command[np.maximum(held, 0), joint] - grid.q[:, joint]
+    error = np.sign(error) * np.maximum(np.abs(error) - servo.dead_band, 0)
+    return np.asarray((grid.gain[joint] * servo.kp * error - damping * v) * grid.on[:, joint])
+
+
+def reached_torque(
+    servo: Servo, grids: Sequence[ServoGrid], speeds: Sequence[Array], joint: int
+) -> tuple[float, float]:
+    """Torque [N.m or N] that a drive gives at least in a share RARE of the samples, and the damping for which it holds.
+
+    speeds: (N,) each, measured [rad/s or m/s]. The least torque of all parts of the damping: the part that acts inside
+    the limit is unknown, and none does by the law `duty`. A limit that cuts fewer samples may remain unnoticed.
+    """
+    tried = list[tuple[float, float]]()
+    for damping in np.linspace(0.0, servo.damping, DAMPING_PARTS).tolist():
+        torque = np.concatenate([demand(servo, g, v, joint, damping) for g, v in zip(grids, speeds, strict=True)])
+        tried.append((float(np.quantile(np.abs(torque), 1 - RARE)), damping))
+    least, part = min(tried)
+    return min(least, servo.effort_limit), part
+
+
+def moves_while_off(data: ServoData, joint: str) -> bool:
+    """Whether a joint moves in the training data while its drive is off."""
+    for grid in data.train:
+        j = grid.joints.index(joint)
+        off = grid.on[:, j] < 0.5
+        if off.sum() >= 5 and np.sqrt(np.mean(np.gradient(grid.q[:, j], grid.step)[off] ** 2)) > OFF_SPEED:
+            return True
+    return False
+
+
+def shortest_period(grids: Sequence[ServoGrid], joint: str) -> float:
+    """Period [s] below which 5 % of the power of a joint's commands lie; inf where it does not move."""
+    power, frequency = np.zeros(0), np.zeros(0)
+    for grid in grids:
+        x = grid.command[:, grid.joints.index(joint)]
+        own = np.abs(np.fft.rfft((x - x.mean()) * np.hanning(len(x)))) ** 2
+        power, frequency = np.append(power, own), np.append(frequency, np.fft.rfftfreq(len(x), grid.step))
+    order = np.argsort(frequency, kind="stable")
+    total = np.cumsum(power[order])
+    if total[-1] < 1e-12:
+        return np.inf
+    return float(1.0 / max(frequency[order][np.searchsorted(total, POWER_SHARE * total[-1])], 1e-6))
+
+
+def full_duty_errors(robot: Robot, recordings: Sequence[Recording]) -> dict[str, float]:
+    """Error [rad or m] of full duty at the nominal gain, of each joint whose PWM is proportional to its error."""
+    pairs: dict[str, list[tuple[Array, Array]]] = {}
+    for recording in recordings:
+        x = recording.read()
+        pwm = None if x.servo is None else x.servo.pwm
+        if pwm is None or x.q_des is None:
+            continue
+        gain = servo_grids(recording, robot)[0].gain
+        for j, joint in enumerate(recording.joints):
+            error = gain[j] * (x.q_des[:, j] - x.q[:, j])
+            on = np.isfinite(error) & np.isfinite(pwm[:, j]) & (np.abs(pwm[:, j]) < FULL_DUTY)
+            if x.servo is not None and x.servo.on is not None:
+                on &= x.servo.on[:, j] > 0.5
+            pairs.setdefault(joint, []).append((error[on], pwm[on, j]))
+    found = {joint: _error_of_one(*map(np.concatenate, zip(*some, strict=True))) for joint, some in pairs.items()}
+    return {joint: error for joint, error in found.items() if error > 0}
+
+
+def exceeded(grids: Sequence[ServoGrid], joint: str, error: float) -> float:
+    """Share of rows with the drive on in which its error exceeds one [rad or m at the nominal gain]."""
+    j = grids[0].joints.index(joint)
+    beyond = np.concatenate([(g.gain[j] * np.abs(g.command - g.q)[:, j] > error)[g.on[:, j] > 0.5] for g in grids])
+    return float(beyond.mean()) if len(beyond) else 0.0
+
+
+def _error_of_one(error: Array, duty: Array) -> float:
+    """Error of full duty; 0 unless the duty is proportional to the error."""
+    if len(error) < MIN_DUTY_ROWS or not np.any(error):
+        return 0.0
+    slope = float(error @ duty / (error @ error))
+    left = np.median(np.abs(duty - slope * error)) / 0.675
+    return 1.0 / slope if slope > 0 and left**2 < (1 - LINEAR_SHARE) * np.mean(duty**2) else 0.0
 
 
 class Lost(NamedTuple):
@@ -107,7 +265,15 @@ def joint_numbers(
     std = dict(zip(free, np.sqrt(np.maximum(np.diag(covariance), 0.0)), strict=True))
     values.update(damping=servo.damping, lag=servo.lag)
     with np.errstate(invalid="ignore"):
-        std.update(_derived(servo, free, covariance))
+        found = {}
+        damping = np.array([float(name in ("kd", "viscous_friction")) for name in free])
+        if damping.any():
+            found["damping"] = float(np.sqrt(max(damping @ covariance @ damping, 0.0)))
+        if servo.kp > 0 and (damping.any() or {"kp", "delay"} & set(free)):
+            slope = {"delay": 1.0, "kp": -servo.damping / servo.kp**2}
+            lag = damping / servo.kp + np.array([slope.get(name, 0.0) for name in free])
+            found["lag"] = float(np.sqrt(max(lag @ covariance @ lag, 0.0)))
+        std.update(found)
     if facts.full_duty_error > 0 and "kp" in std:
         std["effort_limit"] = facts.full_duty_error * std["kp"]
     ratios = _ratios(servo, free, covariance, facts)
@@ -173,19 +339,6 @@ def _ratios(servo: Servo, free: Sequence[str], covariance: Array, facts: JointFa
     return found
 
 
-def _derived(servo: Servo, free: Sequence[str], covariance: Array) -> dict[str, float]:
-    """Standard deviations of damping and lag."""
-    found = {}
-    damping = np.array([float(name in ("kd", "viscous_friction")) for name in free])
-    if damping.any():
-        found["damping"] = float(np.sqrt(max(damping @ covariance @ damping, 0.0)))
-    if servo.kp > 0 and (damping.any() or {"kp", "delay"} & set(free)):
-        slope = {"delay": 1.0, "kp": -servo.damping / servo.kp**2}
-        lag = damping / servo.kp + np.array([slope.get(name, 0.0) for name in free])
-        found["lag"] = float(np.sqrt(max(lag @ covariance @ lag, 0.0)))
-    return found
-
-
 def _lost(
     servo: Servo, free: Sequence[str], values: Mapping[str, float], std: Mapping[str, float], facts: JointFacts
 ) -> Iterator[Lost]:
@@ -236,7 +389,7 @@ def _apart(servo: Servo, facts: JointFacts) -> bool:
 def _one_with_lag(free: Sequence[str], values: Mapping[str, float], std: Mapping[str, float]) -> bool:
     if "delay" not in free or "lag" not in std or not np.isfinite(values["lag"]):
         return False
-    wide = 1.96 * std["delay"] > SPLIT * abs(values["lag"])
+    wide = 1.96 * std["delay"] > MAX_DELAY_SHARE * abs(values["lag"])
     return bool(wide and std["lag"] < 0.5 * std["delay"])
 
 
@@ -258,7 +411,7 @@ def _limit_sentence(facts: JointFacts) -> str:
 
 def _scale_known(facts: JointFacts) -> bool:
     unique = float(np.clip(UNIQUE_FACTOR * facts.unexplained, LEAST_UNIQUE, UNIQUE))
-    light = facts.known_load_share < LIGHT or facts.unique_load_share < unique
+    light = facts.known_load_share < MIN_KNOWN_LOAD or facts.unique_load_share < unique
     return facts.scale_known and not (facts.masses_set_scale and light)
 
 
@@ -272,7 +425,7 @@ def _scale_sentence(ratios: Mapping[str, ServoNumber], facts: JointFacts) -> str
             f"{facts.joint}: kp, friction and masses are identifiable only relative to each other; state one kp, or "
             f"use the masses of the description, or repeat with a known payload{known}"
         )
-    if facts.known_load_share >= LIGHT:
+    if facts.known_load_share >= MIN_KNOWN_LOAD:
         return (
             f"{facts.joint}: the known load acts like armature and friction of the joint, except "
             f"{100 * facts.unique_load_share:.0f} % of its torque, so its scale is not identifiable; state its kp or "

@@ -21,40 +21,58 @@ from ...servos import Servo, ServoGrid
 from ...typed import typed
 from ...types import Array, Progress, Recording
 from ..fit import ServoFit, fit_servos, start_servos
-from ..given import OWN, given_texts
+from ..given import UNSHARED, Assumptions, given_texts
 from ..plant.course import FIT_SUBSTEP, bodies_of
-from ..search.choice import LOUDER, Candidate, ServoTrial, improved, supported, worth
+from ..search.choice import (
+    EARLY_NUMBER,
+    MAX_RMS_GROWTH,
+    Candidate,
+    ServoOptions,
+    ServoProblem,
+    ServoTrial,
+    improved,
+    supported,
+    worth,
+)
 from ..search.data import ServoData, loop_error, servo_data, thinned
 from ..search.laws import rare_limits, try_laws
-from ..search.searcher import FIRST, Chosen, KnownLimits, Searcher, ServoOptions
 from ..zeros.run import P_SIGN, JointZero, find_zeros, turns
-from .conclude import JudgedFit, Known, conclude, facts_of, judge
-from .facts import exceeded, full_duty_errors
-from .fits import final_fit, own_numbers, weigh_bodies, whole_rms
+from .conclude import JudgedFit, conclude, judge
+from .fits import (
+    connected_sets,
+    final_fit,
+    first_candidate,
+    own_numbers,
+    stated_laws,
+    stated_numbers,
+    weigh_bodies,
+    whole_rms,
+)
 from .flags import worse_than_stated
-from .identifiable import RARE
+from .identifiable import RARE, exceeded, facts_of, full_duty_errors
 from .result import LoggedRows, ServoIdentification
-from .scale import Stated, connected_sets, first_candidate, stated_laws, stated_numbers
 
-ALONE, COUPLED = 1.0, 0.8  # [s] of windows; shorter ones do not identify limits (BAM XL330, Go2)
-PLAIN = "duty"  # its regression has one number less
-FINER = 0.7  # rows of the log over those of the grid [1], below which the grid averages known changes of commands
-SEARCHED, FITTED = 60_000, 180_000  # substeps times squared joints of a branch
+WINDOW_ALONE, WINDOW_COUPLED = 1.0, 0.8  # [s] of windows; shorter ones do not identify limits (BAM XL330, Go2)
+START_LAW = "duty"  # its regression has one number less
+MAX_CONTENT_RATIO = 0.7  # [1] rows of the log over those of the grid, below which the grid averages known changes
+SEARCH_BUDGET, FIT_BUDGET = 60_000, 180_000  # substeps times squared joints of a branch
 LEAST_SHARE, LEAST_TIME = 0.1, 10.0  # of the rows, [s] a joint of a branch: the less of both is fitted (SO-101)
 NOT_REFITTED = "the model was not fitted again to the held-out rows"
 MOST_JOINTS = 7  # beyond them the search over signs and zeros is too long
 UNDECIDED = "no file states it: move the joint by hand, and write scale = 1 or -1 into the column map (--columns)"
-PARTS = 4  # of a row
-BETWEEN = {2: 0.25, 4: 0.5}  # changes of the command in a row, and shift of what acts in it [rows]; 4: all the time
-EVERY = 0.5  # share of rows with a new command, of those while it moves, from which it may change between rows
+ROW_PARTS = 4  # of a row
+CHANGES_PER_ROW = {2: 0.25, 4: 0.5}  # changes of the command in a row, and shift of what acts [rows]; 4: always
+CHANGE_SHARE = 0.5  # share of rows with a new command, of those while it moves, from which it may change between rows
 CHANGE_ROWS = 5  # rows around a change of a command, in which it moves
 RMS_GROWTH, GROWTH_ERRORS = 1.05, 2.0  # of rms, and in standard errors over windows, that rule changes between rows out
-STEPS = 2  # most iterations of a fit
+TIMING_STEPS = 2  # most iterations of a fit
 LINEAR_LAWS = ("effort", "duty")  # the same law while nothing saturates
 FIRST_STEPS, LATER_STEPS = 4, 6  # most iterations from a fit with one number less, before it promises something, then
 PROMISING = 0.995  # error on the training data after the first of them, over that without the number
 RETRY_RATIO = 3.0  # residual over that of a joint that is alike by name, from which its numbers are tried
-LOOSE = 0.15  # residual over the error of the loop from which limits are tried before friction
+FOLLOWING_PHASE = 4.0  # [rad] of the undamped loop in a window, below which it does not follow
+LIGHT_PERIOD = 0.03  # [s] sqrt(armature / kp) of a light rotor
+LIMIT_ERROR_RATIO = 0.15  # residual over the error of the loop from which limits are tried before friction
 
 
 @typed
@@ -102,67 +120,79 @@ def identify_servos(
             matches fewer than two; contradictions; a recording given twice.
         RecordingError: no joint has commands, or a recording is too short.
     """
-    options = options or ServoOptions()
     model = as_model(robot if isinstance(robot, Model) else as_robot(robot, "identify_servos"), "identify_servos")
-    given, unseen = (as_recordings(some, model.robot, "identify_servos") for some in (recordings, held_out))
+    given, unseen = (as_recordings(source, model.robot, "identify_servos") for source in (recordings, held_out))
     only_once((*given, *unseen))
+    options = options or ServoOptions()
     data = servo_data(model.robot, given, unseen, options.rate)
     stated = stated_numbers(model.robot, data.driven)
-    known_of = given_texts(model.robot, data.driven, stated, known=known, prior=prior, bounds=bounds, equal=equal)
-    scale, wanted, fixed, assumed = known_of.scale, known_of.stated, known_of.fixed, known_of.assumptions
-    law = stated_laws(model.robot, data.driven, laws, assumed)
+    assumed = given_texts(model.robot, data.driven, stated, known=known, prior=prior, bounds=bounds, equal=equal)
+    assumed = replace(assumed, laws=stated_laws(model.robot, data.driven, laws, assumed))
+    problem = start_fit(model, data, assumed, options, given, progress)
+    problem = weigh_bodies(problem)
+    trial = search(problem)
+    problem, trial, fit = fit_chosen(problem, trial)
+    zeros, notes = joint_zeros(problem)
+    columns = dict(zip(given[0].joints, given[0].columns.get("q", ()), strict=False))
+    said = *audit_flags(model.robot, (*given, *unseen)), *problem.flags, *zero_flags(zeros, columns)
+    logs = tuple(map(_logged_rows, (*given, *unseen)))
+    problem = compare_assumptions(replace(problem, flags=said), trial, fit, min(log.content_rate for log in logs))
+    judged = judge(problem, fit)
+    if not unseen if refit is None else refit:
+        judged = fit_again(problem, judged, trial.candidate)
+    result = conclude(problem, judged, trial)
+    return replace(result, logs=logs, zeros=zeros, notes=(*result.notes, *notes, *judged.notes))
+
+
+def start_fit(
+    model: Model,
+    data: ServoData,
+    assumed: Assumptions,
+    options: ServoOptions,
+    recordings: Sequence[Recording],
+    progress: Progress | None,
+) -> ServoProblem:
+    """Problem with drives to start from, by regression, and the rows that a search can take."""
     sets = connected_sets(model, data.joints, data.driven)
-    _say(progress, "starting servos", 0.0)
-    size = max(len(members) for members in sets) ** 2
-    options = replace(options, window=options.window or (ALONE if size == 1 else COUPLED))
-    most, fitted = (rows_used(sets, data, budget) for budget in (SEARCHED, FITTED))
-    folds = tuple((thinned(a, most), thinned(b, most)) for a, b in data.folds)
-    few = replace(data, train=thinned(data.train, most), folds=folds)
-    plain, _ = command_model(model, {joint: Servo() for joint in data.driven}, complete=True)
-    starts = {k: {j: x for j, x in start_servos(plain, few.train, k).items() if j in data.driven} for k in LINEAR_LAWS}
-    weighed, remarks = plain, tuple[str, ...]()
-    if scale == "kp":
-        _say(progress, "weighing bodies", 0.05)
-        weighed, remarks = weigh_bodies(plain, few, starts[PLAIN], fixed, sets, options)
-    duty = _recorded_duty(full_duty_errors(model.robot, given), fixed, law)
-    laws_known = {**law, **dict.fromkeys(assumed.with_peers(duty), "duty")}
-    first = {k: first_candidate(model.robot, data, x, fixed, laws_known, assumed) for k, x in starts.items()}
-    limits = KnownLimits({law: _limited(one, starts[law]) for law, one in first.items()}, laws_known)
-    start = replace(first[PLAIN], tied=duty).follow(first[PLAIN].servos)
-    first_rows = (recording.read(0, 1).servo for recording in given)
+    alone = max(map(len, sets)) == 1
+    options = replace(options, window=options.window or (WINDOW_ALONE if alone else WINDOW_COUPLED))
+    first_rows = (recording.read(0, 1).servo for recording in recordings)
     if any(servo is not None and servo.volt is not None for servo in first_rows):  # takes the place of a droop
         options = replace(options, additional=tuple(name for name in options.additional if name != "droop"))
-    chosen = search(Searcher(weighed, few, sets, options, progress, assumed), start, limits)
-    _say(progress, "fitting servos", 0.8)
-    final = replace(data, train=thinned(data.train, fitted))
-    fit = final_fit(weighed, final, chosen.candidate, options)
-    tied = {joint: error for joint, error in duty.items() if exceeded(data.train, joint, error) < RARE}
-    if reached := [joint for joint in duty if joint not in tied]:
-        chosen = replace(chosen, candidate=chosen.candidate.follow(fit.servos).with_limits(reached))
-        fit = final_fit(weighed, final, chosen.candidate, options)
-    _say(progress, "simulating held-out recordings", 0.9)
-    remarks = (*audit_flags(model.robot, (*given, *unseen)), *remarks)
-    zeros, notes = joint_zeros(plain, data, starts[PLAIN], options.seed) if scale == "masses" else ((), ())
-    remarks = (*remarks, *zero_flags(zeros, dict(zip(given[0].joints, given[0].columns.get("q", ()), strict=False))))
-    logs = tuple(map(_logged_rows, (*given, *unseen)))
-    slow = FINER * min(log.content_rate for log in logs) < data.train[0].rate
-    late = command_timing(weighed, few, fit, options.window) if slow else {}
-    own = own_numbers(weighed, few, fit, chosen.candidate, options)
-    case = Known(scale, wanted, fixed, limits.laws, tied, sets, late, assumed, own)
-    judged = judge((plain, weighed), data, fit, case)
-    if (not unseen if refit is None else refit) and data.held_out is not data.train:
-        _say(progress, "fitting servos to all rows", 0.95)
-        judged, reasons = fitted_again(weighed, judged, chosen.candidate, case, options, fitted)
-        notes = (*notes, *reasons)
-    found = conclude((plain, weighed), judged, chosen, case, remarks, options)
-    return replace(found, logs=logs, zeros=zeros, notes=(*found.notes, *notes))
+    full_duty = {
+        joint: error
+        for joint, error in full_duty_errors(model.robot, recordings).items()
+        if assumed.laws.get(joint, "duty") == "duty" and "effort_limit" not in assumed.fixed.get(joint, {})
+    }
+    assumed = replace(assumed, laws={**assumed.laws, **dict.fromkeys(assumed.with_peers(full_duty), "duty")})
+    most = rows_used(sets, data, SEARCH_BUDGET)
+    folds = tuple((thinned(a, most), thinned(b, most)) for a, b in data.folds)
+    searched = replace(data, train=thinned(data.train, most), folds=folds)
+    plain, _ = command_model(model, {joint: Servo() for joint in data.driven}, complete=True)
+    problem = ServoProblem(plain, plain, data, searched, sets, assumed, options, progress, full_duty=full_duty)
+    problem.say("starting servos", 0.0)
+    limited = {}
+    for law in LINEAR_LAWS:
+        by_joint = start_servos(plain, searched.train, law)
+        regressed = {joint: servo for joint, servo in by_joint.items() if joint in data.driven}
+        start = first_candidate(model.robot, data, regressed, assumed)
+        limits = {
+            joint: servo.with_(effort_limit=servo.kp * regressed[joint].effort_limit / regressed[joint].kp)
+            for joint, servo in start.servos.items()
+            if not servo.effort_limit < np.inf
+        }
+        limited[law] = start.changed(limits)
+        if law == START_LAW:
+            start = replace(start, tied=full_duty).follow(start.servos)
+            problem = replace(problem, regressed=regressed, start=start)
+    return replace(problem, limited=limited)
 
 
 def rows_used(sets: Sequence[Sequence[str]], data: ServoData, budget: int) -> int:
     """Most rows of a fit within a budget of substeps times squared joints of the largest set, and at least some."""
     joints, grid = max(len(members) for members in sets), data.train[0]
     least = min(LEAST_SHARE * sum(map(len, data.train)), LEAST_TIME * joints * grid.rate)
-    return max(budget // (joints**2 * int(np.ceil(grid.step / FIT_SUBSTEP - 1e-9))), int(least * budget / FITTED))
+    return max(budget // (joints**2 * int(np.ceil(grid.step / FIT_SUBSTEP - 1e-9))), int(least * budget / FIT_BUDGET))
 
 
 def _logged_rows(recording: Recording) -> LoggedRows:
@@ -173,79 +203,75 @@ def _logged_rows(recording: Recording) -> LoggedRows:
     return LoggedRows(recording.path, float(np.median(np.diff(t))), content_rate(t, q))
 
 
-def _recorded_duty(errors: Mapping[str, float], fixed: Stated, laws: Mapping[str, str]) -> dict[str, float]:
-    """Error of full duty [rad or m] of joints whose law and limit are not stated otherwise."""
-    return {
-        joint: error
-        for joint, error in errors.items()
-        if laws.get(joint, "duty") == "duty" and "effort_limit" not in fixed.get(joint, {})
-    }
+def fit_chosen(problem: ServoProblem, trial: ServoTrial) -> tuple[ServoProblem, ServoTrial, ServoFit]:
+    """Chosen laws and numbers, fitted to more rows than the search; limits that many rows reach are fitted, too."""
+    problem.say("fitting servos", 0.8)
+    final = replace(problem.data, train=thinned(problem.data.train, rows_used(problem.sets, problem.data, FIT_BUDGET)))
+    fit = final_fit(problem, final, trial.candidate)
+    rare = {j: error for j, error in problem.full_duty.items() if exceeded(problem.data.train, j, error) < RARE}
+    if reached := [joint for joint in problem.full_duty if joint not in rare]:
+        trial = replace(trial, candidate=trial.candidate.follow(fit.servos).with_limits(reached))
+        fit = final_fit(problem, final, trial.candidate)
+    return replace(problem, full_duty=rare), trial, fit
 
 
-def _limited(start: Candidate, found: Mapping[str, Servo]) -> Candidate:
-    """Start with the limits that a regression found, unless they are stated."""
-    new = {
-        joint: servo.with_(effort_limit=servo.kp * found[joint].effort_limit / found[joint].kp)
-        for joint, servo in start.servos.items()
-        if not servo.effort_limit < np.inf
-    }
-    return start.changed(new)
+def compare_assumptions(problem: ServoProblem, trial: ServoTrial, fit: ServoFit, content_rate: float) -> ServoProblem:
+    """Problem with the fits beside the chosen one: with commands that change between rows, and without equal joints.
+
+    content_rate: the least of the recordings [Hz].
+    """
+    slow = MAX_CONTENT_RATIO * content_rate < problem.data.train[0].rate
+    timing = command_timing(problem, fit) if slow else {}
+    return replace(problem, command_timing=timing, unequal=own_numbers(problem, fit, trial.candidate))
 
 
-def _say(progress: Progress | None, step: str, share: float) -> None:
-    if progress is not None:
-        progress(step, share)
-
-
-def fitted_again(
-    model: Model, judged: JudgedFit, candidate: Candidate, known: Known, options: ServoOptions, most: int
-) -> tuple[JudgedFit, tuple[str, ...]]:
+def fit_again(problem: ServoProblem, judged: JudgedFit, candidate: Candidate) -> JudgedFit:
     """The same laws and free numbers, fitted to all rows, with the errors on held-out rows as they were.
 
     The first fit stays, with a note, where held-out rows show what it has no number for, and where the new one predicts
-    them worse. most: rows of the fit.
+    them worse.
     """
-    first, data = judged.fit, judged.data
-    if reasons := tuple(_unlike(judged)):
-        return judged, (f"{NOT_REFITTED}: {' and '.join(reasons)}",)
-    if worse_than_stated(judged.rollout) or time_is_up("the fit of drives to all rows", answer=False):
-        return judged, ()
+    data, before = problem.data, judged.rollout
+    if data.held_out is data.train:
+        return judged
+    problem.say("fitting servos to all rows", 0.95)
+    reasons = list[str]()
+    if far := [joint for joint, error in judged.errors.items() if error.far]:
+        reasons.append(f"its errors there are far above those of the training rows ({shorten(far)})")
+    if beyond := [joint for joint, fact in judged.facts.items() if fact.held_out_limit < np.inf]:
+        reasons.append(f"only they reach an effort limit, which the model lacks ({shorten(beyond)})")
+    if reasons:
+        return replace(judged, notes=(f"{NOT_REFITTED}: {' and '.join(reasons)}",))
+    if worse_than_stated(before) or time_is_up("the fit of drives to all rows", answer=False):
+        return judged
     everything = replace(data, train=(*data.train, *data.held_out))
-    rows = replace(everything, train=thinned(everything.train, most))
-    fit = final_fit(model, rows, candidate.follow(first.servos), options)
-    before = judged.rollout
-    after = replace(before, whole_rms=whole_rms(model, fit.servos, data.held_out))
-    worse = not np.nanmean(after.whole_rms**2) <= LOUDER**2 * np.nanmean(before.whole_rms**2)
+    rows = replace(everything, train=thinned(everything.train, rows_used(problem.sets, data, FIT_BUDGET)))
+    fit = final_fit(problem, rows, candidate.follow(judged.fit.servos))
+    after = replace(before, whole_rms=whole_rms(problem.model, fit.servos, data.held_out))
+    worse = not np.nanmean(after.whole_rms**2) <= MAX_RMS_GROWTH**2 * np.nanmean(before.whole_rms**2)
     if worse or worse_than_stated(after):
-        return judged, (f"{NOT_REFITTED}: it would predict them worse from commands alone",)
+        return replace(judged, notes=(f"{NOT_REFITTED}: it would predict them worse from commands alone",))
     facts = {
         joint: replace(fact, torque_off=judged.facts[joint].torque_off)  # by the numbers that are free
-        for joint, fact in facts_of(model, everything, fit, known).items()
+        for joint, fact in facts_of(replace(problem, data=everything), fit).items()
     }
-    return replace(judged, data=everything, fit=fit, facts=facts, refit=True), ()
+    return replace(judged, data=everything, fit=fit, facts=facts, refit=True)
 
 
-def _unlike(judged: JudgedFit) -> Iterator[str]:
-    """Reasons why held-out rows must not be learned from."""
-    if far := [joint for joint, error in judged.errors.items() if error.far]:
-        yield f"its errors there are far above those of the training rows ({shorten(far)})"
-    if beyond := [joint for joint, fact in judged.facts.items() if fact.held_out_limit < np.inf]:
-        yield f"only they reach an effort limit, which the model lacks ({shorten(beyond)})"
-
-
-def joint_zeros(
-    model: Model, data: ServoData, servos: Mapping[str, Servo], seed: int
-) -> tuple[tuple[JointZero, ...], tuple[str, ...]]:
-    """Sign and zero of each revolute joint with a drive, and notes; servos: drives that start a fit."""
-    robot = bodies_of(model, data.joints)
-    driven = {joint: servos[joint] for joint in data.driven if joint in servos}
+def joint_zeros(problem: ServoProblem) -> tuple[tuple[JointZero, ...], tuple[str, ...]]:
+    """Sign and zero of each revolute joint with a drive where masses set the scale, and notes."""
+    problem.say("simulating held-out recordings", 0.9)
+    if problem.assumptions.scale != "masses":
+        return (), ()
+    data, robot = problem.data, bodies_of(problem.described, problem.data.joints)
+    driven = {joint: problem.regressed[joint] for joint in data.driven if joint in problem.regressed}
     turning = [joint for j, joint in enumerate(data.joints) if joint in driven and turns(robot, j)]
     if len(turning) > MOST_JOINTS:
         note = f"signs and zeros of positions are not compared with gravity: {len(turning)} joints are too many"
         return (), (note,)
-    zeros = find_zeros(robot, data.train, driven, seed)
-    lost = [one.joint for one in zeros if not one.identifiable]
-    if not lost or not any(one.changed for one in zeros):
+    zeros = find_zeros(robot, data.train, driven, problem.options.seed)
+    lost = [zero.joint for zero in zeros if not zero.identifiable]
+    if not lost or not any(zero.changed for zero in zeros):
         return zeros, ()
     note = f"{shorten(lost)}: sign and zero of the position are not identifiable; gravity hardly depends on them"
     return zeros, (note,)
@@ -273,37 +299,41 @@ def zero_flags(zeros: Sequence[JointZero], columns: Mapping[str, str]) -> Iterat
         )
 
 
-def command_timing(model: Model, data: ServoData, fit: ServoFit, window: float) -> dict[str, float]:
+def command_timing(problem: ServoProblem, fit: ServoFit) -> dict[str, float]:
     """Time [s] by which the delay of each joint may be longer, as its commands may change between rows; 0 if not."""
-    suspects = [joint for joint in fit.servos if _changes(data.train, data.joints.index(joint)) > EVERY]
-    found = dict.fromkeys(fit.servos, 0.0)
+    data, suspects, longer = problem.searched, list[str](), dict.fromkeys(fit.servos, 0.0)
+    for joint in fit.servos:
+        new = [np.diff(grid.command[:, data.joints.index(joint)]) != 0 for grid in data.train]
+        near = [np.convolve(x, np.ones(2 * CHANGE_ROWS + 1), "same") > 0.5 for x in new]
+        if sum(x.sum() for x in new) > CHANGE_SHARE * max(sum(x.sum() for x in near), 1):
+            suspects.append(joint)
     if not suspects or not fit.names:
-        return found
-    held = _squares(model, data, fit, 1, window)
-    for changes, shift in BETWEEN.items():
-        worse = _squares(model, data, fit, changes, window) - held
+        return longer
+    held = _squares(problem, fit, 1)
+    for changes, shift in CHANGES_PER_ROW.items():
+        worse = _squares(problem, fit, changes) - held
         for joint in suspects:
             j = data.joints.index(joint)
-            own, base = worse[:, j], float(np.mean(held[:, j]))
-            error = own.std(ddof=1) / np.sqrt(len(own)) if len(own) > 1 else np.inf
-            if not (own.mean() > GROWTH_ERRORS * error and own.mean() > (RMS_GROWTH**2 - 1) * base):
-                found[joint] = shift * data.train[0].step
-    return found
+            growth, base = worse[:, j], float(np.mean(held[:, j]))
+            error = growth.std(ddof=1) / np.sqrt(len(growth)) if len(growth) > 1 else np.inf
+            if not (growth.mean() > GROWTH_ERRORS * error and growth.mean() > (RMS_GROWTH**2 - 1) * base):
+                longer[joint] = shift * data.train[0].step
+    return longer
 
 
-def _squares(model: Model, data: ServoData, fit: ServoFit, changes: int, window: float) -> Array:
+def _squares(problem: ServoProblem, fit: ServoFit, changes: int) -> Array:
     """Mean squares (W, n) [rad2 or m2] of windows, fitted with a number of `changes` of the command in each row."""
-    late = BETWEEN.get(changes, 0.0) * data.train[0].step
+    grids = problem.searched.train
+    late = CHANGES_PER_ROW.get(changes, 0.0) * grids[0].step
     servos = {joint: servo.with_(delay=servo.delay + late) for joint, servo in fit.servos.items()}
-    grids = [_refined(grid, changes) for grid in data.train]
     new = fit_servos(
-        model,
-        grids,
+        problem.model,
+        [_refined(grid, changes) for grid in grids],
         servos,
         fit.free,
-        window=window,
+        window=problem.options.window,
         relinearise=False,
-        iterations=STEPS,
+        iterations=TIMING_STEPS,
         scales=False,
         coarse=True,
     )
@@ -311,14 +341,14 @@ def _squares(model: Model, data: ServoData, fit: ServoFit, changes: int, window:
 
 
 def _refined(grid: ServoGrid, changes: int) -> ServoGrid:
-    """Grid with PARTS times the rows; positions and commands are interpolated by splines, commands are then held."""
+    """Grid with ROW_PARTS times the rows; positions and commands are interpolated by splines, commands then held."""
     rows = np.arange(len(grid))
-    at = np.arange((len(grid) - 1) * PARTS + 1) / PARTS
+    at = np.arange((len(grid) - 1) * ROW_PARTS + 1) / ROW_PARTS
     held, kept = np.floor(at * changes + 1e-9) / changes, (at + 1e-9).astype(int)
     speed, forward = grid.command_speed, grid.feed_forward
     return replace(
         grid,
-        rate=grid.rate * PARTS,
+        rate=grid.rate * ROW_PARTS,
         q=CubicSpline(rows, grid.q)(at),
         command=grid.command[kept] if changes == 1 else CubicSpline(rows, grid.command)(held),
         on=grid.on[kept],
@@ -328,55 +358,55 @@ def _refined(grid: ServoGrid, changes: int) -> ServoGrid:
     )
 
 
-def _changes(grids: Sequence[ServoGrid], joint: int) -> float:
-    """Share of rows with a new command, of those near a change [1]."""
-    new = [np.diff(grid.command[:, joint]) != 0 for grid in grids]
-    near = [np.convolve(x, np.ones(2 * CHANGE_ROWS + 1), "same") > 0.5 for x in new]
-    return float(sum(x.sum() for x in new) / max(sum(x.sum() for x in near), 1))
-
-
-def search(by: Searcher, start: Candidate, limits: KnownLimits) -> Chosen:
-    """Choose laws of joints that no drive without limits explains, load friction, other laws, and other numbers.
-
-    Args:
-        by: model, data and options.
-        start: drives without limits, unless they are stated or tied to a gain.
-        limits: of joints that seem to saturate, and stated laws.
-    """
-    laws: dict[str, Mapping[str, float]] = {
-        joint: {law: 1 / len(LINEAR_LAWS) for law in LINEAR_LAWS} for joint in start.servos if joint not in limits.laws
-    }
+def search(by: ServoProblem) -> ServoTrial:
+    """Choose laws of joints that no drive without limits explains, load friction, other laws, and other numbers."""
     by.say("fitting servos without limits", 0.1)
-    base = by.fit(start)
-    if not by.data.folds:
-        return Chosen(base.candidate, laws)
-    suspects = by.assumptions.with_peers(limits.joints(start.tied))
-    loose = by.near([joint for joint in suspects if base.residual[joint] > LOOSE * loop_error(by.data, joint)])
+    free_laws = [joint for joint in by.start.servos if joint not in by.assumptions.laws]
+    base = replace(by.fit(by.start), laws=dict.fromkeys(free_laws, dict.fromkeys(LINEAR_LAWS, 1 / len(LINEAR_LAWS))))
+    if not by.searched.folds:
+        return base
+    base = _following(by, base)
+    suspects = by.saturating()
+    large = [joint for joint in suspects if base.residual[joint] > LIMIT_ERROR_RATIO * loop_error(by.searched, joint)]
+    loose = by.near(large)
     if first := [joint for joint in suspects if joint in loose]:
         by.say("trying laws of servos", 0.15)
-        base, found = try_laws(by, base, first, limits, loose)
-        laws.update({joint: p for joint, p in found.items() if joint not in limits.laws})
+        base = try_laws(by, base, first, loose)
     before = base.candidate.free
-    if early := by.options.additional[:1] == (FIRST,):
-        by.say(f"trying {FIRST} of servos", 0.35)
-        base = _try_number(by, base, FIRST)
+    if early := by.options.additional[:1] == (EARLY_NUMBER,):
+        by.say(f"trying {EARLY_NUMBER} of servos", 0.35)
+        base = _try_number(by, base, EARLY_NUMBER)
     tried = base
     by.say("trying limits of servos", 0.4)
-    limits, rare = rare_limits(by, base, limits)
+    by, rare = rare_limits(by, base)
     has = [joint for joint in suspects if base.candidate.servos[joint].effort_limit < np.inf]
     if again := [*(joint for joint in has if joint not in loose or base.candidate.free != before), *rare]:
         by.say("trying laws of servos", 0.4)
-        base, found = try_laws(by, base, again, limits)
-        laws.update({joint: p for joint, p in found.items() if joint not in limits.laws})
+        base = try_laws(by, base, again)
     for k, name in enumerate(by.options.additional[int(early and base is tried) :]):
         by.say(f"trying {name} of servos", 0.6 + 0.2 * k / len(by.options.additional))
         base = _try_without(by, _try_number(by, base, name), name)
-    base = _like_others(by, base, limits)
-    base = by.shorten(base) if base.candidate.window else by.lengthen(base)
-    return Chosen(base.candidate, laws)
+    base = _like_others(by, base)
+    return replace(by.shorten(base) if base.candidate.window else by.lengthen(base), laws=base.laws)
 
 
-def _like_others(by: Searcher, base: ServoTrial, limits: KnownLimits) -> ServoTrial:
+def _following(by: ServoProblem, base: ServoTrial) -> ServoTrial:
+    """Fit joints again whose rotors are so heavy that the loop cannot follow within a window, from light ones.
+
+    From a measured state a heavy rotor coasts along any smooth motion, so short windows fit; whole recordings do not.
+    """
+    window, drives = by.options.window, base.candidate.servos
+    heavy = [joint for joint, servo in drives.items() if servo.armature > servo.kp * (window / FOLLOWING_PHASE) ** 2]
+    if not heavy:
+        return base
+    light = {j: by.start.servos[j].with_(armature=by.start.servos[j].kp * LIGHT_PERIOD**2) for j in heavy}
+    near = by.near(heavy)
+    new = by.score(by.fit(by.start.changed(light).only(near)), near)
+    base = by.score(base, near)
+    return base.with_joints(new) if improved(base, new, heavy) else base
+
+
+def _like_others(by: ServoProblem, base: ServoTrial) -> ServoTrial:
     """Fit joints again that are fitted far worse than another one alike by name, from its law and numbers."""
     start, again = base.candidate, list[str]()
     for members in similar_joints(tuple(base.residual)):
@@ -384,8 +414,9 @@ def _like_others(by: Searcher, base: ServoTrial, limits: KnownLimits) -> ServoTr
         like = [number for one, number in base.candidate.free if one == best]
         for joint in (one for one in members if base.residual[one] > RETRY_RATIO * base.residual[best]):
             own = {number for one, number in base.candidate.free if one == joint}
-            numbers = {name: getattr(start.servos[best], name) for name in {*own, *like} - {OWN}}
-            servo = replace(start.servos[joint], law=limits.laws.get(joint, start.servos[best].law)).with_(**numbers)
+            numbers = {name: getattr(start.servos[best], name) for name in {*own, *like} - {UNSHARED}}
+            law = by.assumptions.laws.get(joint, start.servos[best].law)
+            servo = replace(start.servos[joint], law=law).with_(**numbers)
             rest = tuple(one for one in start.free if one[0] != joint)
             start, again = (
                 replace(start, free=rest).changed({joint: servo}, [(joint, x) for x in like]),
@@ -399,7 +430,7 @@ def _like_others(by: Searcher, base: ServoTrial, limits: KnownLimits) -> ServoTr
     return base.with_joints(new.only(by.near(better))) if better else base
 
 
-def _try_number(by: Searcher, base: ServoTrial, name: str) -> ServoTrial:
+def _try_number(by: ServoProblem, base: ServoTrial, name: str) -> ServoTrial:
     """Free a number at all joints, and keep it where windows that took no part improve."""
     start, neutral = base.candidate, getattr(Servo(), name)
     joints = [joint for joint, servo in start.servos.items() if getattr(servo, name) == neutral]
@@ -412,7 +443,7 @@ def _try_number(by: Searcher, base: ServoTrial, name: str) -> ServoTrial:
         return base
     base = by.score(base, near)
     new = by.score(new, near)
-    kept = supported(by.data, base, new, improved(base, new, promising), joints)
+    kept = supported(by.searched, base, new, improved(base, new, promising), joints)
     if not kept:
         return base
     if kept != promising:
@@ -421,7 +452,7 @@ def _try_number(by: Searcher, base: ServoTrial, name: str) -> ServoTrial:
     return base.with_joints(new)
 
 
-def _try_without(by: Searcher, base: ServoTrial, name: str) -> ServoTrial:
+def _try_without(by: ServoProblem, base: ServoTrial, name: str) -> ServoTrial:
     """Give a free number up where the training data are fitted as well without it, by now that others are free."""
     start, neutral = base.candidate, getattr(Servo(), name)
     joints = [joint for joint, number in start.free if number == name]

@@ -45,6 +45,10 @@ def servo_grids(recording: Recording, robot: Robot, rate: float | None = None) -
     servo: Any = getattr(x, "servo", None)
     more = {key: getattr(servo, key, None) for key in ("dq_des", "tau_ff", "on", "volt")}
     volt, nominal = more["volt"], _nominal(robot, recording.joints, "voltage")
+    registers: Mapping[tuple[str, str], Mapping[str, float]] = getattr(robot, "registers", {})
+    name = Path(recording.path).name
+    here = [registers.get((name, joint), {}).get("kp_register", np.nan) for joint in recording.joints]
+    gain = np.array(here, float) / _nominal(robot, recording.joints, "kp_register")
     return grids_of_arrays(
         recording.joints,
         x.t,
@@ -54,7 +58,7 @@ def servo_grids(recording: Recording, robot: Robot, rate: float | None = None) -
         feed_forward=more["tau_ff"],
         on=more["on"],
         voltage=None if volt is None else np.where(np.isfinite(nominal), volt / nominal, 1.0),
-        gain=_gain(recording, robot),
+        gain=np.where(np.isfinite(gain), gain, 1.0),
         driven=[bool(column) for column in recording.columns.get("q_des", ())],
         rate=rate,
         path=recording.path,
@@ -214,15 +218,6 @@ def _round(rate: float) -> float:
 def _nominal(robot: Robot, joints: Sequence[str], key: str) -> Array:
     stated: Mapping[str, Mapping[str, Any]] = getattr(robot, "servo", {})
     return np.array([float(stated.get(joint, {}).get(key, np.nan)) for joint in joints])
-
-
-def _gain(recording: Recording, robot: Robot) -> Array:
-    """Gain register of the recording over the one that kp belongs to; 1 where either is not stated."""
-    registers: Mapping[tuple[str, str], Mapping[str, float]] = getattr(robot, "registers", {})
-    name = Path(recording.path).name
-    here = [registers.get((name, joint), {}).get("kp_register", np.nan) for joint in recording.joints]
-    gain = np.array(here, float) / _nominal(robot, recording.joints, "kp_register")
-    return np.where(np.isfinite(gain), gain, 1.0)
 
 
 def commands_at(grid: ServoGrid, joint: int, kd_on: str, delay: float, profile: float, parts: int) -> Array:

@@ -11,8 +11,20 @@ import numpy as np
 from numba import njit
 
 from ...types import Array, Indices
-from .friction import LOOP, advance_speeds, new_state
-from .torque import ARMATURE, DUTY, EFFORT, GAP, LINK_ENCODER, VISCOUS, ZERO, Drives, actuate
+from .torque import (
+    ARMATURE,
+    DUTY,
+    EFFORT,
+    GAP,
+    LINK_ENCODER,
+    LOOP,
+    VISCOUS,
+    ZERO,
+    Drives,
+    actuate,
+    advance_speeds,
+    new_state,
+)
 
 # rows of `State.play`: half the gap, side of the link, link minus motor and its speed, new speed of the motor, and the
 # momentum that links which were met add to the joints

@@ -14,9 +14,8 @@ from ...robot.joints import is_plain
 from ...servos import Servo, ServoGrid
 from ...types import Array, Robot
 from .course import JoinedGrids, Moved, RobotCourse, bodies_of, copies_of, course, motion_of, part, single, substeps
-from .friction import new_state
 from .kernel import BEGIN, DEFLECTION, HALF, RELATIVE, SIDE, Starts, advance, advance_links, simulate
-from .torque import ARMATURE, GAP, LINK_ENCODER, ZERO, Drives, actuate
+from .torque import ARMATURE, GAP, LINK_ENCODER, ZERO, Drives, actuate, new_state
 
 
 def roll_out(

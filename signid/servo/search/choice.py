@@ -1,4 +1,4 @@
-"""Trials of drives: fits to all training data, and errors on windows that took no part."""
+"""Identification problem of drives, and its trials: fits to all training data, errors on windows that took no part."""
 
 from __future__ import annotations
 
@@ -10,26 +10,34 @@ import numpy as np
 from ...model import Model
 from ...robot.joints import similar_joints
 from ...servos import Servo, ServoGrid
-from ...types import Array
+from ...types import Array, Progress
 from ..fit import ServoFit, fit_servos
-from ..given import OWN, Assumptions
+from ..given import UNSHARED, Assumptions, unions
 from ..plant.course import recorded_course
 from ..plant.roll_out import roll_out_along
 from .data import ServoData
 
-DRAWS = 2000  # Bayesian bootstrap (Rubin, Annals of Statistics 9(1), 1981)
+BOOTSTRAP_DRAWS = 2000  # Bayesian bootstrap (Rubin, Annals of Statistics 9(1), 1981)
 SCORE_TOLERANCE = 0.05  # log rms; closer scores count as equal
-PRIOR = {"torque_speed": 0.25}  # share of a law among equal ones; it contains `effort`
-GAIN = 0.01  # log rms that an additional number must save on windows that took no part
+LAW_PRIOR = {"torque_speed": 0.25}  # share of a law among equal ones; it contains `effort`
+MIN_LOG_GAIN = 0.01  # log rms that an additional number must save on windows that took no part
 SAVING_ERRORS = 2.0  # standard errors of that saving
-LOUDER = 1.02  # ratio by which the rms over all these windows may grow
-FLOOR = 1e-6  # [rad or m] rms below which windows are equally good
-WINDOW = 1.0  # [s] of the scores
-STEPS, REFIT = 15, 3  # most iterations on all training data, and from there without a fold
+MAX_RMS_GROWTH = 1.02  # ratio by which the rms over all these windows may grow
+MIN_SCORED_RMS = 1e-6  # [rad or m] rms below which windows are equally good
+SCORE_WINDOW = 1.0  # [s] of the scores
+STEPS, FOLD_STEPS = 15, 3  # most iterations on all training data, and from there without a fold
 SHORT_WINDOW = 0.2  # [s] of the first windows where drives saturate: nearly linear
 ROUNDS = 2  # fits in which a limit that is tied to kp follows it
 DIVERGED = 10.0  # [rad or m] an error beyond this counts as this
 TRIAL_ERROR_RATIO = 0.98  # error on the training data, over that without a number, from which it is cross-validated
+EARLY_NUMBER = "load_friction"  # tried before laws of joints that saturate rarely: else limits fit friction
+ADDITIONAL = (EARLY_NUMBER, "dead_band", "droop", "profile_speed")
+WINDOW_FACTORS = (2.0, 4.0, 16.0)  # of the windows, one after another
+MIN_WINDOWS = 16  # windows in all recordings: fewer give no intervals
+LONGER_STEPS = 8  # most iterations
+LONGER_WINDOW_RATIO = 1.15  # error of whole recordings over that of windows from which longer windows are tried
+WHOLE_ERROR_RATIO = 0.98  # error of whole recordings over that before, geometric mean of the joints, so that they stay
+Estimates = Mapping[str, tuple[float, float]]  # value and standard deviation by number [SERVO_UNITS]
 
 
 @dataclass(frozen=True)
@@ -65,7 +73,7 @@ class Candidate:
         """With the law, the free numbers and the mean of each number of equal joints."""
         servos, free = dict(self.servos), list(self.free)
         for members in ([j for j in group if j in servos] for group in self.assumptions.equal):
-            names = dict.fromkeys(name for joint, name in self.free if joint in members and name != OWN)
+            names = dict.fromkeys(name for joint, name in self.free if joint in members and name != UNSHARED)
             means = dict[str, float]()
             for name in names:
                 finite = [x for joint in members if np.isfinite(x := getattr(servos[joint], name))]
@@ -87,20 +95,21 @@ class ServoTrial:
     candidate: Candidate  # with the fitted drives
     residual: Mapping[str, float]  # rms on windows of the training data [rad or m], by joint
     scores: Mapping[str, Array] = field(default_factory=dict)  # (W,) [1] log rms of unused windows, by joint
+    laws: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  # probabilities, by joint
 
     def only(self, joints: Collection[str]) -> ServoTrial:
         """The same for some joints."""
         residual = {joint: x for joint, x in self.residual.items() if joint in joints}
         scores = {joint: x for joint, x in self.scores.items() if joint in joints}
-        return ServoTrial(self.candidate.only(joints), residual, scores)
+        return replace(self, candidate=self.candidate.only(joints), residual=residual, scores=scores)
 
     def with_joints(self, other: ServoTrial) -> ServoTrial:
         """With some joints of another trial."""
         new = other.candidate
         rest = tuple(name for name in self.candidate.free if name[0] not in new.servos)
         candidate = replace(self.candidate, free=rest, window=max(self.candidate.window, new.window))
-        candidate = candidate.changed(new.servos, new.free)
-        return ServoTrial(candidate, {**self.residual, **other.residual}, {**self.scores, **other.scores})
+        candidate, scores = candidate.changed(new.servos, new.free), {**self.scores, **other.scores}
+        return replace(self, candidate=candidate, residual={**self.residual, **other.residual}, scores=scores)
 
 
 def fit_candidate(
@@ -134,35 +143,113 @@ def fit_candidate(
     return candidate, fit
 
 
-def tried(
-    model: Model, data: ServoData, candidate: Candidate, window: float, steps: int = STEPS, coarse: bool = True
-) -> ServoTrial:
-    """Fit a candidate to all training data; `coarse`: until a step gains little.
+@dataclass(frozen=True)
+class ServoOptions:
+    """Options of a servo identification. Defaults come from the data."""
 
-    Equal joints have the residual and the scores of all of them, so that they are judged together.
-    """
-    candidate, fit = fit_candidate(model, data.train, candidate, window, steps, coarse=coarse)
-    squares = {joint: float(fit.residual_rms[data.joints.index(joint)]) ** 2 for joint in candidate.servos}
-    peers = {joint: [j for j in candidate.assumptions.peers(joint) if j in squares] for joint in squares}
-    return ServoTrial(
-        candidate, {joint: float(np.sqrt(np.mean([squares[j] for j in some]))) for joint, some in peers.items()}
-    )
+    rate: float | None = None  # [Hz] of the grids
+    window: float = 0.0  # [s] of the windows of the fit; 0: 1 s for single joints, 0.8 s for coupled ones (linearised)
+    additional: tuple[str, ...] = ADDITIONAL  # numbers that are tried one at a time
+    seed: int = 0
 
 
-def scored(model: Model, data: ServoData, trial: ServoTrial, window: float) -> ServoTrial:
-    """The same with its scores on windows that took no part in refits."""
-    found: dict[str, list[Array]] = {joint: [] for joint in trial.residual}
-    for part, unseen in data.folds:
-        candidate, _ = fit_candidate(model, part, trial.candidate, window, REFIT, rounds=1, coarse=True)
-        for grid in unseen:
-            scores = roll_out_scores(model, candidate.servos, grid)
-            for joint in found:
-                found[joint].append(scores[:, grid.joints.index(joint)])
-    peers = {joint: [j for j in trial.candidate.assumptions.peers(joint) if j in found] for joint in found}
-    return replace(
-        trial,
-        scores={joint: np.concatenate([x for j in peers[joint] for x in found[j]]) for joint in found if found[joint]},
-    )
+@dataclass(frozen=True)
+class ServoProblem:
+    """Model, rows, knowledge and options of an identification, and what its steps have found so far."""
+
+    described: Model  # with ideal drives, and the masses of the description
+    model: Model  # the same with the masses that are used
+    data: ServoData  # all rows
+    searched: ServoData  # rows of the search
+    sets: Sequence[Sequence[str]]  # driven joints that share moved bodies
+    assumptions: Assumptions
+    options: ServoOptions
+    progress: Progress | None = None
+    flags: tuple[str, ...] = ()
+    full_duty: Mapping[str, float] = field(default_factory=dict)  # error [rad or m] by joint, from the recorded PWM
+    regressed: Mapping[str, Servo] = field(default_factory=dict)  # drives by regression, by joint
+    start: Candidate = Candidate({}, ())  # without limits, unless they are stated or tied to a gain
+    limited: Mapping[str, Candidate] = field(default_factory=dict)  # by law: the start, with limits by regression
+    command_timing: Mapping[str, float] = field(default_factory=dict)  # time [s] by which a delay may be longer
+    unequal: Mapping[str, Estimates] = field(default_factory=dict)  # of equal joints: numbers without that assumption
+
+    def saturating(self) -> list[str]:
+        """Joints that seem to saturate or state a limit that no gain ties, with those that share their numbers."""
+        servos = [item for start in self.limited.values() for item in start.servos.items()]
+        names = dict.fromkeys(joint for joint, servo in servos if servo.effort_limit < np.inf)
+        return self.assumptions.with_peers([joint for joint in names if joint not in self.start.tied])
+
+    def fit(self, candidate: Candidate, steps: int = STEPS, coarse: bool = True) -> ServoTrial:
+        """Fit to all training data; `coarse`: until a step gains little.
+
+        Equal joints have the residual and the scores of all of them, so that they are judged together.
+        """
+        window, data = self.options.window, self.searched
+        candidate, fit = fit_candidate(self.model, data.train, candidate, window, steps, coarse=coarse)
+        squares = {joint: float(fit.residual_rms[data.joints.index(joint)]) ** 2 for joint in candidate.servos}
+        peers = {joint: [j for j in candidate.assumptions.peers(joint) if j in squares] for joint in squares}
+        return ServoTrial(
+            candidate, {joint: float(np.sqrt(np.mean([squares[j] for j in equal]))) for joint, equal in peers.items()}
+        )
+
+    def lengthen(self, trial: ServoTrial) -> ServoTrial:
+        """Fit again over longer windows, where whole recordings are fitted worse than windows.
+
+        Short windows begin at measured states, which take up what repeats of an error would add to.
+        """
+        whole, grids, window = self._whole_rms(trial.candidate), self.searched.train, self.options.window
+        if not any(whole[joint] > LONGER_WINDOW_RATIO * trial.residual[joint] for joint in whole):
+            return trial
+        best, seconds = trial, sum(len(grid) / grid.rate for grid in grids)
+        for factor in WINDOW_FACTORS:
+            if seconds / (factor * window) < MIN_WINDOWS and factor * window > max(len(g) / g.rate for g in grids):
+                break
+            new = self.fit(replace(best.candidate, window=factor * window), LONGER_STEPS)
+            after = self._whole_rms(new.candidate)
+            if np.mean([np.log(after[joint] / whole[joint]) for joint in whole]) > np.log(WHOLE_ERROR_RATIO):
+                break
+            best, whole = new, after
+        return best
+
+    def shorten(self, trial: ServoTrial) -> ServoTrial:
+        """Fit again over short windows, whose cost is smooth, unless whole recordings are then fitted worse."""
+        new = self.fit(replace(trial.candidate, window=0.0))
+        before, after = (self._whole_rms(end.candidate) for end in (trial, new))
+        return trial if np.mean([np.log(after[joint] / before[joint]) for joint in before]) > 0.0 else new
+
+    def _whole_rms(self, candidate: Candidate) -> dict[str, float]:
+        """Rms error by joint [rad or m] of whole recordings from commands alone."""
+        grids = self.searched.train
+        errors = [roll_out_along(recorded_course(self.model, g), candidate.servos, g) - g.q for g in grids]
+        both = np.clip(np.nan_to_num(np.concatenate(errors), nan=DIVERGED), -DIVERGED, DIVERGED)
+        rms = np.maximum(np.sqrt(np.mean(both**2, axis=0)), 1e-12)
+        return {joint: float(rms[grids[0].joints.index(joint)]) for joint in candidate.servos}
+
+    def score(self, trial: ServoTrial, joints: Collection[str]) -> ServoTrial:
+        """Score some joints, with those that share bodies with them, on windows that took no part in refits."""
+        if all(joint in trial.scores for joint in joints):
+            return trial
+        part, window = trial.only(joints), self.options.window
+        scores: dict[str, list[Array]] = {joint: [] for joint in part.residual}
+        for learned, unseen in self.searched.folds:
+            candidate, _ = fit_candidate(self.model, learned, part.candidate, window, FOLD_STEPS, rounds=1, coarse=True)
+            for grid in unseen:
+                of_grid = roll_out_scores(self.model, candidate.servos, grid)
+                for joint in scores:
+                    scores[joint].append(of_grid[:, grid.joints.index(joint)])
+        peers = {joint: [j for j in part.candidate.assumptions.peers(joint) if j in scores] for joint in scores}
+        whole = {joint: [x for j in peers[joint] for x in scores[j]] for joint in scores if scores[joint]}
+        return trial.with_joints(replace(part, scores={joint: np.concatenate(x) for joint, x in whole.items()}))
+
+    def near(self, joints: Collection[str]) -> set[str]:
+        """Joints that share moved bodies or numbers with some joints, and these."""
+        sets = unions((*self.sets, *self.assumptions.equal))
+        return {joint for members in sets if any(j in joints for j in members) for joint in members}
+
+    def say(self, step: str, share: float) -> None:
+        """Report progress."""
+        if self.progress is not None:
+            self.progress(step, share)
 
 
 def roll_out_scores(model: Model, servos: Mapping[str, Servo], grid: ServoGrid) -> Array:
@@ -174,7 +261,7 @@ def roll_out_scores(model: Model, servos: Mapping[str, Servo], grid: ServoGrid) 
 
 def _seconds(grid: ServoGrid) -> list[slice]:
     """Rows of the windows of scores."""
-    step = round(WINDOW * grid.rate)
+    step = round(SCORE_WINDOW * grid.rate)
     return [slice(a, a + step) for a in range(0, max(len(grid) - step, 0) + 1, step)]
 
 
@@ -206,14 +293,14 @@ def supported(
         if len(others) == 1:
             mirrors = [np.nanmean(saved[j]) for j in kind.get(joint, ()) if j != joint]
             others = [np.array([np.mean(mirrors)])] if mirrors else []
-        kept += [joint] if all(np.nanmean(rest) > GAIN for rest in others) else []
+        kept += [joint] if all(np.nanmean(rest) > MIN_LOG_GAIN for rest in others) else []
     return kept
 
 
 def window_scores(error: Array, windows: Sequence[slice]) -> Array:
     """Log rms (W, n) of a simulation error (N, n) [rad or m] over windows of rows; NaN where a window has no rows."""
     rows = [np.sqrt(np.nanmean(error[window] ** 2, axis=0)) for window in windows if len(error[window])]
-    return np.asarray(np.log(np.maximum(np.array(rows).reshape(-1, error.shape[1]), FLOOR)))
+    return np.asarray(np.log(np.maximum(np.array(rows).reshape(-1, error.shape[1]), MIN_SCORED_RMS)))
 
 
 def law_probabilities(scores: Mapping[str, Array], seed: int = 0) -> dict[str, float]:
@@ -223,16 +310,16 @@ def law_probabilities(scores: Mapping[str, Array], seed: int = 0) -> dict[str, f
     probability, but for `torque_speed`, which is `effort` with one number more; few windows never give certainty.
     """
     laws = list(scores)
-    prior = np.array([PRIOR.get(law, 1.0) for law in laws])
+    prior = np.array([LAW_PRIOR.get(law, 1.0) for law in laws])
     values = np.array([scores[law] for law in laws], float).reshape(len(laws), -1)
     values = values[:, np.isfinite(values).all(axis=0)]
     if values.shape[1] == 0:
         return {law: 1.0 / len(laws) for law in laws}
-    weights = np.random.default_rng(seed).dirichlet(np.ones(values.shape[1]), DRAWS)
+    weights = np.random.default_rng(seed).dirichlet(np.ones(values.shape[1]), BOOTSTRAP_DRAWS)
     top = np.exp(2 * (values - values.max()))
     # Heuristic, not derived: mean log rms is a score of typical windows, the log of rms over all is one of the few
     # windows where a limit acts; a law must do well in both, so they count alike.
-    means = (weights @ values.T + 0.5 * np.log(weights @ top.T)) / 2  # (DRAWS, laws)
+    means = (weights @ values.T + 0.5 * np.log(weights @ top.T)) / 2  # (BOOTSTRAP_DRAWS, laws)
     best = prior * (means <= means.min(axis=1, keepdims=True) + SCORE_TOLERANCE)
     share = np.mean(best / best.sum(axis=1, keepdims=True), axis=0)
     count = values.shape[1]
@@ -249,5 +336,5 @@ def improves(before: Array, after: Array) -> bool:
     if len(saved) < 2:
         return False
     error = saved.std(ddof=1) / np.sqrt(len(saved))
-    loud = np.nanmean(np.exp(2 * after)) <= LOUDER**2 * np.nanmean(np.exp(2 * before))
-    return bool(loud and saved.mean() > GAIN and saved.mean() > SAVING_ERRORS * error)
+    loud = np.nanmean(np.exp(2 * after)) <= MAX_RMS_GROWTH**2 * np.nanmean(np.exp(2 * before))
+    return bool(loud and saved.mean() > MIN_LOG_GAIN and saved.mean() > SAVING_ERRORS * error)

@@ -13,14 +13,15 @@ from ...servos import ServoGrid
 from ...types import Array, Input, Recording, Robot
 from ..plant import servo_grids
 
-BLOCK = 3.0  # [s] of the blocks that a single recording is cut into for cross-validation
+BLOCK_SECONDS = 3.0  # [s] of the blocks that a single recording is cut into for cross-validation
 MOST_BLOCKS = 8
-MANY, RUN = 20, 12.0  # grids of at most RUN [s] of which some are left out whole
+MANY_GRIDS, SHORT_GRID_SECONDS = 20, 12.0  # grids of at most SHORT_GRID_SECONDS [s] of which some are left out whole
 FOLDS = 4  # of whole recordings
 HALVES = 2  # of blocks of the only recording
 MIN_GRID_SECONDS = 1.0  # [s] of a grid that can be held out or validate
-NORMAL = 0.6745  # median of |x| of a standard normal variable
+NORMAL_MEDIAN = 0.6745  # median of |x| of a standard normal variable
 LEAST_WAY = 1e-3  # [rad or m] way of the commands below which a joint stands still
+THIRD_DIFFERENCE_GAIN = np.sqrt(20.0)  # of third differences on white noise
 LEAST_NOISE = 1e-5  # [rad or m]
 
 
@@ -64,11 +65,26 @@ def servo_data(
         *grids, last = grids
         unseen = list(last)
     else:
-        first, unseen = _cut(grids[0], TRAINING_SHARE)
+        left, first, unseen = round(TRAINING_SHARE * sum(map(len, grids[0]))), list[ServoGrid](), list[ServoGrid]()
+        for grid in grids[0]:
+            stop = min(max(left, 0), len(grid))
+            first += [rows_of(grid, 0, stop)] if stop > 3 else []
+            unseen += [rows_of(grid, stop, len(grid))] if len(grid) - stop > grid.rate * MIN_GRID_SECONDS else []
+            left -= len(grid)
         grids = [tuple(first)]
-    train = tuple(grid for some in grids for grid in some)
+    train = tuple(grid for of_recording in grids for grid in of_recording)
     data = ServoData(train, tuple(unseen) or train, _folds(grids), recordings_used(recordings, held_out))
-    _check(data, recordings, held_out)
+    names = ", ".join(r.path or "a recording" for r in (*recordings, *held_out))
+    if not data.driven:
+        raise RecordingError(
+            f"no joint has commands q_des_J in all of {names}; give recordings of the same joints with their commands"
+        )
+    seconds = sum(len(grid) / grid.rate for grid in train)
+    if seconds < 2 * MIN_GRID_SECONDS:
+        raise RecordingError(
+            f"{names}: {seconds:.2g} s remain to learn from, and at least {2 * MIN_GRID_SECONDS:g} s are needed; "
+            f"record for longer"
+        )
     return data
 
 
@@ -88,13 +104,13 @@ def thinned(grids: Sequence[ServoGrid], most: int) -> tuple[ServoGrid, ...]:
     share = most / max(sum(map(len, grids)), 1)
     if share >= 1:
         return tuple(grids)
-    if share * len(grids) > MANY and max(len(grid) / grid.rate for grid in grids) <= RUN:
+    if share * len(grids) > MANY_GRIDS and max(len(grid) / grid.rate for grid in grids) <= SHORT_GRID_SECONDS:
         before = np.floor(share * np.arange(len(grids) + 1))
         return tuple(grid for grid, new in zip(grids, np.diff(before), strict=True) if new)
     blocks, ways = [], [np.abs(np.diff(grid.command, axis=0, prepend=grid.command[:1])) for grid in grids]
     whole = np.maximum(np.sum([way.sum(0) for way in ways], axis=0), LEAST_WAY)
     for grid, way in zip(grids, ways, strict=True):
-        count = max(int(len(grid) / grid.rate / BLOCK * share), 1)
+        count = max(int(len(grid) / grid.rate / BLOCK_SECONDS * share), 1)
         edges = np.linspace(0, len(grid), count + 1).astype(int).tolist()
         for start, stop in zip(edges[:-1], edges[1:], strict=True):
             kept = max(int((stop - start) * share), min(round(MIN_GRID_SECONDS * grid.rate), stop - start))
@@ -119,58 +135,25 @@ def rows_of(grid: ServoGrid, start: int, stop: int) -> ServoGrid:
     )
 
 
-def _cut(grids: Sequence[ServoGrid], share: float) -> tuple[list[ServoGrid], list[ServoGrid]]:
-    """Grids before and after a share of all rows."""
-    left = round(share * sum(map(len, grids)))
-    before, after = [], []
-    for grid in grids:
-        stop = min(max(left, 0), len(grid))
-        before += [rows_of(grid, 0, stop)] if stop > 3 else []
-        after += [rows_of(grid, stop, len(grid))] if len(grid) - stop > grid.rate * MIN_GRID_SECONDS else []
-        left -= len(grid)
-    return before, after
-
-
 def _folds(grids: Sequence[Sequence[ServoGrid]]) -> tuple[tuple[tuple[ServoGrid, ...], tuple[ServoGrid, ...]], ...]:
     """Folds of whole recordings; of blocks of the only one."""
-    units = [list(some) for some in grids] if len(grids) > 1 else [[block] for block in _blocks(grids[0])]
+    units = [list(unit) for unit in grids] if len(grids) > 1 else [[grid] for grid in grids[0]]
+    if len(grids) == len(units) == 1:
+        (grid,) = grids[0]
+        blocks = int(np.clip(len(grid) / grid.rate / BLOCK_SECONDS, 1, MOST_BLOCKS))
+        edges = np.linspace(0, len(grid), blocks + 1).astype(int).tolist()
+        units = [[rows_of(grid, a, b)] for a, b in zip(edges[:-1], edges[1:], strict=True)]
     count = min(FOLDS if len(grids) > 1 else HALVES, len(units))
     turn = [*range(count), *reversed(range(count))]  # back and forth: neighbours in the order of names are often alike
     fold = [turn[i % len(turn)] for i in range(len(units))]
     folds = []
     for k in range(count):
-        fit = tuple(grid for i, some in zip(fold, units, strict=True) if i != k for grid in some)
-        unseen = tuple(grid for i, some in zip(fold, units, strict=True) if i == k for grid in some)
+        fit = tuple(grid for i, unit in zip(fold, units, strict=True) if i != k for grid in unit)
+        unseen = tuple(grid for i, unit in zip(fold, units, strict=True) if i == k for grid in unit)
         unseen = tuple(grid for grid in unseen if len(grid) > MIN_GRID_SECONDS * grid.rate)
         if fit and unseen:
             folds.append((fit, unseen))
     return tuple(folds)
-
-
-def _blocks(grids: Sequence[ServoGrid]) -> list[ServoGrid]:
-    if len(grids) > 1:
-        return list(grids)
-    (grid,) = grids
-    count = int(np.clip(len(grid) / grid.rate / BLOCK, 1, MOST_BLOCKS))
-    edges = np.linspace(0, len(grid), count + 1).astype(int).tolist()
-    return [rows_of(grid, a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
-
-
-def _check(data: ServoData, recordings: Sequence[Recording], held_out: Sequence[Recording]) -> None:
-    names = ", ".join(r.path or "a recording" for r in (*recordings, *held_out))
-    if not data.driven:
-        raise RecordingError(
-            f"no joint has commands q_des_J in all of {names}; give recordings of the same joints with their commands"
-        )
-    seconds = sum(len(grid) / grid.rate for grid in data.train)
-    if seconds < 2 * MIN_GRID_SECONDS:
-        raise RecordingError(
-            f"{names}: {seconds:.2g} s remain to learn from, and at least {2 * MIN_GRID_SECONDS:g} s are needed; "
-            f"record for longer"
-        )
-
-
-THIRD = np.sqrt(20.0)  # of third differences on white noise
 
 
 def position_noise(grids: Sequence[ServoGrid]) -> Array:
@@ -183,7 +166,7 @@ def position_noise(grids: Sequence[ServoGrid]) -> Array:
         tick = float(np.quantile(jumps, 0.02)) if len(jumps) else 0.0
         counted = np.mean(np.abs(jumps / tick - np.round(jumps / tick)) < 0.05) if tick else 0.0
         encoder = tick / np.sqrt(12) if counted > 0.9 else 0.0
-        white = float(np.median(np.abs(third))) / NORMAL / THIRD
-        low = float(np.sqrt(np.mean(np.sort(third**2)[: max(len(third) // 2, 1)]))) / THIRD
+        white = float(np.median(np.abs(third))) / NORMAL_MEDIAN / THIRD_DIFFERENCE_GAIN
+        low = float(np.sqrt(np.mean(np.sort(third**2)[: max(len(third) // 2, 1)]))) / THIRD_DIFFERENCE_GAIN
         out.append(max(min(white, 3 * low + encoder), encoder, LEAST_NOISE))
     return np.array(out)

@@ -10,46 +10,44 @@ import numpy as np
 from ...servos import DRIVE_LAWS, Servo
 from ..fit import start_limits
 from ..plant.course import recorded_course
-from .choice import SHORT_WINDOW, Candidate, ServoTrial, fit_candidate, improved, law_probabilities, worth
+from .choice import SHORT_WINDOW, Candidate, ServoProblem, ServoTrial, fit_candidate, improved, law_probabilities, worth
 from .data import ServoData
-from .searcher import KnownLimits, Searcher
 
 SHORT_STEPS = 6  # most iterations over short windows
 NEAR_TOP = 0.9  # second start of a limit, over the largest torque that the loop asks for
 SPEED_RATIO = 3.0  # largest speed of a torque-speed law over that of the motion from which it is the effort law
 INSIDE = 0.15  # share of the damping inside the limit below which effort and duty are the same law
-EARLY, STEPS = 3, 8  # most iterations, before limits promise something and in all
+FIRST_LIMIT_STEPS, LIMIT_STEPS = 3, 8  # most iterations, before limits promise something and in all
 PROMISING = 0.95  # residual over that without a limit after the first of them
+REGRESSED = ("kp", "kd", "delay", "coulomb_friction", "armature", "torque_offset")  # numbers of a regression
 LIMIT_RESIDUAL_RATIO = 0.8  # residual over that without a limit from which the laws of a joint are tried
 
 
-def try_laws(
-    by: Searcher, base: ServoTrial, suspects: Sequence[str], limits: KnownLimits, loose: Collection[str] = ()
-) -> tuple[ServoTrial, dict[str, dict[str, float]]]:
+def try_laws(by: ServoProblem, base: ServoTrial, suspects: Sequence[str], loose: Collection[str] = ()) -> ServoTrial:
     """Law of each joint that seems to saturate, by windows that took no part; none if a limit does not help.
 
     All laws are tried at the `loose` joints, which no drive without a limit explains.
     """
-    given, stated = limits.laws, [j for j in suspects if base.candidate.servos[j].effort_limit < np.inf]
+    given, stated = by.assumptions.laws, [j for j in suspects if base.candidate.servos[j].effort_limit < np.inf]
     trials, near = dict[str, ServoTrial](), by.near(suspects)
     start = replace(base.candidate.only(near), window=0.0)
     for law in ("effort", "duty", "torque_speed"):  # where no limit of the effort helps, one of the duty does not
-        if own := _with(given, law, suspects):
-            new = by.fit(_law_start(by, start, own, law, limits, trials))
-            helps = {*stated, *loose, *worth(base, new, own)}
-            better = by.lengthen(new) if helps.intersection(own) else new
+        if able := _with(given, law, suspects):
+            new = by.fit(_law_start(by, start, able, law, trials))
+            helps = {*stated, *loose, *worth(base, new, able)}
+            better = by.lengthen(new) if helps.intersection(able) else new
             trials[law] = replace(better, residual=new.residual)  # of short windows, to compare it with others
-            suspects = [joint for joint in suspects if law != "effort" or joint in helps or joint not in own]
+            suspects = [joint for joint in suspects if law != "effort" or joint in helps or joint not in able]
     keep = {*stated, *(j for law, trial in trials.items() for j in worth(base, trial, _with(given, law, suspects)))}
     if not keep:
-        return base, {}
+        return base
     near = by.near(keep)
     base = by.score(base, near)
     trials = {law: by.score(trial.only(near), near) for law, trial in trials.items()}
-    chosen, found = base.candidate.only(near), dict[str, dict[str, float]]()
+    chosen, probabilities = base.candidate.only(near), dict[str, dict[str, float]]()
     for joint in keep:
-        j = by.data.joints.index(joint)
-        top = max(float(np.abs(recorded_course(by.model, grid).motion.v[:, j]).max()) for grid in by.data.train)
+        j = by.searched.joints.index(joint)
+        top = max(float(np.abs(recorded_course(by.model, grid).motion.v[:, j]).max()) for grid in by.searched.train)
         allowed = _apart({law: trial for law, trial in trials.items() if given.get(joint, law) == law}, joint, top)
         p = law_probabilities({law: trial.scores[joint] for law, trial in allowed.items()}, by.options.seed)
         law = max(p, key=lambda name: p[name])
@@ -57,20 +55,21 @@ def try_laws(
             mine = allowed[law].candidate
             servos = {j: servo for j, servo in mine.servos.items() if j == joint or j not in keep}  # and its neighbours
             chosen = chosen.changed(servos, [name for name in mine.free if name[0] == joint])
-            chosen = replace(chosen, window=max(chosen.window if found else 0.0, mine.window))
-            found[joint] = p
-    if not found:
-        return base, found
+            chosen = replace(chosen, window=max(chosen.window if probabilities else 0.0, mine.window))
+            probabilities[joint] = p
+    if not probabilities:
+        return base
     new = by.fit(chosen, coarse=False)
-    new, found = _simpler(new, found, given)
-    return base.with_joints(by.score(new, near)), found
+    new, probabilities = _simpler(new, probabilities, given)
+    laws = {**base.laws, **{joint: p for joint, p in probabilities.items() if joint not in given}}
+    return replace(base.with_joints(by.score(new, near)), laws=laws)
 
 
 def _simpler(
-    trial: ServoTrial, found: Mapping[str, Mapping[str, float]], given: Mapping[str, str]
+    trial: ServoTrial, probabilities: Mapping[str, Mapping[str, float]], given: Mapping[str, str]
 ) -> tuple[ServoTrial, dict[str, dict[str, float]]]:
     """Trial and probabilities with the duty law at joints whose effort law has no damping inside its limit."""
-    candidate, out = trial.candidate, {joint: dict(p) for joint, p in found.items()}
+    candidate, out = trial.candidate, {joint: dict(p) for joint, p in probabilities.items()}
     for joint, p in out.items():
         servo = candidate.servos[joint]
         if servo.law == "effort" and joint not in given and servo.kd < INSIDE * servo.damping:
@@ -104,31 +103,27 @@ def _with(given: Mapping[str, str], law: str, joints: Sequence[str]) -> list[str
 
 
 def _law_start(
-    by: Searcher,
+    by: ServoProblem,
     base: Candidate,
     joints: Sequence[str],
     law: str,
-    limits: KnownLimits,
     before: Mapping[str, ServoTrial],
 ) -> Candidate:
     """Start of a law at some joints: the best one by short windows, of regression, a high limit and a simpler law."""
-    top = {j: NEAR_TOP * x for j, x in largest_torques(by.data, {j: base.servos[j] for j in joints}).items()}
-    known = limits.starts.get(law, limits.starts[DRIVE_LAWS[0]])
+    top = {j: NEAR_TOP * x for j, x in largest_torques(by.searched, {j: base.servos[j] for j in joints}).items()}
+    known = by.limited.get(law, by.limited[DRIVE_LAWS[0]])
     mine = {j: known.servos[j] for j in joints if known.servos[j].effort_limit < np.inf}
-    regressed = base.changed({j: _kept(base.servos[j], servo) for j, servo in mine.items()})
-    found = {**top, **{j: servo.effort_limit for j, servo in mine.items()}}
-    starts = [limited(base, top, law), limited(regressed, found, law)]
+    numbers = {j: {name: getattr(servo, name) for name in REGRESSED} for j, servo in mine.items()}
+    regressed = base.changed({j: base.servos[j].with_(**of) for j, of in numbers.items()})
+    sizes = {**top, **{j: servo.effort_limit for j, servo in mine.items()}}
+    starts = [limited(base, top, law), limited(regressed, sizes, law)]
     if law == "torque_speed" and "effort" in before:
         starts = [limited(replace(before["effort"].candidate.only(base.servos), window=0.0), top, law)]
-    ends = [fit_candidate(by.model, by.data.train, one, SHORT_WINDOW, SHORT_STEPS, coarse=True) for one in starts]
-    rows = [by.data.joints.index(joint) for joint in joints]
+    ends = [
+        fit_candidate(by.model, by.searched.train, start, SHORT_WINDOW, SHORT_STEPS, coarse=True) for start in starts
+    ]
+    rows = [by.searched.joints.index(joint) for joint in joints]
     return min(ends, key=lambda end: float(np.log(end[1].residual_rms[rows]).sum()))[0]
-
-
-def _kept(base: Servo, start: Servo) -> Servo:
-    """Drive of a regression, with the numbers that it does not give."""
-    names = ("kp", "kd", "delay", "coulomb_friction", "armature", "torque_offset")
-    return base.with_(**{name: getattr(start, name) for name in names})
 
 
 def largest_torques(data: ServoData, servos: Mapping[str, Servo]) -> dict[str, float]:
@@ -159,23 +154,21 @@ def limited(start: Candidate, limits: Mapping[str, float], law: str) -> Candidat
     return start.changed(servos, free)
 
 
-def rare_limits(by: Searcher, base: ServoTrial, limits: KnownLimits) -> tuple[KnownLimits, list[str]]:
+def rare_limits(by: ServoProblem, base: ServoTrial) -> tuple[ServoProblem, list[str]]:
     """Joints without a limit whose training data one fits notably better, and starts with their drives."""
     start = base.candidate
     joints = [j for j, servo in start.servos.items() if not servo.effort_limit < np.inf and j not in start.tied]
     if not joints:
-        return limits, []
-    top = largest_torques(by.data, {joint: start.servos[joint] for joint in joints})
-    found = start_limits(by.model, by.data.train, start.servos, top)
+        return by, []
+    top = largest_torques(by.searched, {joint: start.servos[joint] for joint in joints})
+    sizes = start_limits(by.model, by.searched.train, start.servos, top)
     for law in DRIVE_LAWS:  # of a joint: its stated one, or else the first
-        mine = {j: limit for j, limit in found.items() if limits.laws.get(j, DRIVE_LAWS[0]) == law}
+        mine = {j: limit for j, limit in sizes.items() if by.assumptions.laws.get(j, DRIVE_LAWS[0]) == law}
         start = limited(start, mine, law)
-    new = by.fit(start, EARLY)
+    new = by.fit(start, FIRST_LIMIT_STEPS)
     if not worth(base, new, joints, PROMISING):
-        return limits, []
-    new = by.fit(new.candidate, STEPS - EARLY)
+        return by, []
+    new = by.fit(new.candidate, LIMIT_STEPS - FIRST_LIMIT_STEPS)
     kept = worth(base, new, joints, LIMIT_RESIDUAL_RATIO)
-    starts = {
-        law: one.changed({joint: new.candidate.servos[joint] for joint in kept}) for law, one in limits.starts.items()
-    }
-    return replace(limits, starts=starts), kept
+    drives = {joint: new.candidate.servos[joint] for joint in kept}
+    return replace(by, limited={law: candidate.changed(drives) for law, candidate in by.limited.items()}), kept

@@ -23,6 +23,7 @@ POINTS = 2 * np.pi / 3 * np.arange(3)  # zeros at which the load is computed [ra
 SINGLE_ZEROS, PAIR_ZEROS = 48, 16  # zeros that are tried of one joint, and of each of two
 STARTS, SWEEPS, IMPROVED_TRIALS = 6, 6, 2  # random starts; most turns of all joints; trials improved by two joints
 SAVED = 1e-3  # sum of log rms that a move must save
+ZeroStart = tuple[Array, Array, tuple[int, ...]]  # signs (n,) [1], zeros (n,) [rad or m] and free joints of a fit
 MIN_LOG_SAVING = 0.1  # sum of log rms that one or two joints must save, for others to be tried
 
 
@@ -37,8 +38,8 @@ class ZeroFit(Frozen):
     std: Array  # (n,) [rad or m] 0 where not free
 
     @property
-    def start(self) -> tuple[Array, Array, tuple[int, ...]]:
-        """Signs (n,) [1], zeros (n,) [rad or m] and free joints, to start another fit from."""
+    def start(self) -> ZeroStart:
+        """Start of another fit."""
         return self.signs, self.zeros, self.free
 
     @property
@@ -128,7 +129,9 @@ def search(loads: Loads, joints: Sequence[int], seed: int) -> list[ZeroTrial]:
     """Best signs and zeros of some joints, best first; random starts only if another zero saves enough."""
     rng, n = np.random.default_rng(seed), len(loads.rows.joints)
     moves, pairs = [(j,) for j in joints], list(combinations(joints, 2))
-    described = ZeroTrial(_score(loads, np.ones(n), np.zeros(n)), np.ones(n), np.zeros(n))
+    load = loads.gravity(np.ones(n), np.zeros(n))[..., None]
+    left = [responses(line, line.of(load))[1][0] / len(line.error) for line in loads.lines]
+    described = ZeroTrial(float(np.sum(0.5 * np.log(np.maximum(left, FLOOR**2)))), np.ones(n), np.zeros(n))
     found = [described, _descended(loads, described, moves), turned(loads, described, pairs)]
     if described.score - min(trial.score for trial in found) < MIN_LOG_SAVING:
         return _different(found)
@@ -186,12 +189,6 @@ def best_zeros(loads: Loads, trial: ZeroTrial, joints: tuple[int, ...], signs: t
     zeros = trial.zeros.copy()
     zeros[rows] = grid[list(np.unravel_index(k, (count,) * len(rows)))]
     return ZeroTrial(float(score[k]), own, zeros)
-
-
-def _score(loads: Loads, signs: Array, zeros: Array) -> float:
-    load = loads.gravity(signs, zeros)[..., None]
-    left = [responses(line, line.of(load))[1][0] / len(line.error) for line in loads.lines]
-    return float(np.sum(0.5 * np.log(np.maximum(left, FLOOR**2))))
 
 
 def _descended(

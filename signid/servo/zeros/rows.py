@@ -1,20 +1,24 @@
-"""Rows of recordings for signs and zeros: smooth motion, errors of the loops, and what besides load explains these."""
+"""Rows of recordings for signs and zeros: smooth motion, loads, errors of the loops, and what else explains these.
+
+Pinocchio from Python takes two to four times as long as the compiled dynamics here (3 to 7 joints, 200 rows).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 from numba import njit
 from scipy.signal import butter, filtfilt
 
 from ...frozen import Frozen
 from ...servos import Servo, ServoGrid
-from ...types import Array, Mask
+from ...types import Array, Mask, Robot
 from ..plant.course import smooth
 from ..plant.grid import commands_at
-from .chain import Chain
 
 CUTOFF = 10.0  # [Hz] of motion and errors; at 6 Hz, zeros of a simulated SO-101 are biased by up to two std
 EDGE = 0.3  # [s] left out beside ends and switched drives
@@ -27,7 +31,7 @@ MIN_USABLE_ROWS = 40  # usable rows of a joint; a joint with fewer is not used
 RECORDINGS = 6  # least number of recordings of which each is one block
 FLOOR = 1e-5  # [rad or m] rms error that counts as none
 MAX_MU = 1.5  # largest friction by load, of the load; gears of servos hold their load without current (SO-101)
-OWN = 0.004  # [rad or m] standard deviation of a loop's error at rest without load: q and q_des share their zero
+REST_ERROR_STD = 0.004  # [rad or m] of the error of a loop at rest without load: q and q_des share their zero
 ROWS_PER_SAMPLE = 20  # rows whose errors count as one in the weight of that knowledge
 TINY = 1e-30
 
@@ -63,7 +67,10 @@ def zero_rows(grids: Sequence[ServoGrid], servos: Mapping[str, Servo], most: int
     """Rows of grids in which a joint slides, evenly, about `most`; delays and limits are those of drives."""
     paths = list(dict.fromkeys(grid.path or f"{k}" for k, grid in enumerate(grids)))
     motions = [smooth(grid.q, grid.rate, CUTOFF) for grid in grids]
-    slow = _slow(np.abs(np.concatenate([motion.v for motion in motions])))
+    speed = np.abs(np.concatenate([motion.v for motion in motions]))
+    moving = speed > MIN_SLIDING_SPEED
+    usual = np.sqrt(np.sum(np.where(moving, speed, 0.0) ** 2, axis=0) / np.maximum(moving.sum(axis=0), 1))
+    slow = np.asarray(np.maximum(MIN_SLIDING_SPEED, TURNING * usual))
     parts, blocks = [], 0
     for k, (grid, motion) in enumerate(zip(grids, motions, strict=True)):
         error = np.column_stack([_error(grid, j, servos.get(joint)) for j, joint in enumerate(grid.joints)])
@@ -77,13 +84,6 @@ def zero_rows(grids: Sequence[ServoGrid], servos: Mapping[str, Servo], most: int
         parts.append((*motion, error, rush, _filtered(slide, grid.rate), block, number))
     rows = ZeroRows(grids[0].joints, *(np.concatenate(some) for some in zip(*parts, strict=True)))
     return rows.part(np.asarray(np.isfinite(rows.error).any(axis=1))).thinned(most)
-
-
-def _slow(speed: Array) -> Array:
-    """Speed (n,) [rad/s or m/s] below which joints may stick or turn round, from their speeds (N, n)."""
-    moving = speed > MIN_SLIDING_SPEED
-    usual = np.sqrt(np.sum(np.where(moving, speed, 0.0) ** 2, axis=0) / np.maximum(moving.sum(axis=0), 1))
-    return np.asarray(np.maximum(MIN_SLIDING_SPEED, TURNING * usual))
 
 
 def fixed_columns(rows: ZeroRows, j: int, use: Mask) -> Array:
@@ -235,7 +235,7 @@ def _stacked(rows: ZeroRows, j: int, use: Mask, weight: Array) -> tuple[Array, A
     error, columns = rows.error[use, j] * weight, fixed_columns(rows, j, use) * weight[:, None]
     free = np.column_stack([columns, columns[:, 1] * np.abs(rows.q[use, j])])
     noise = np.std(error - free @ np.linalg.lstsq(free, error, rcond=None)[0]) + FLOOR
-    columns = np.vstack([columns, [0, 0, 0, 0, noise * np.sqrt(ROWS_PER_SAMPLE) / OWN]])
+    columns = np.vstack([columns, [0, 0, 0, 0, noise * np.sqrt(ROWS_PER_SAMPLE) / REST_ERROR_STD]])
     return columns, np.append(error, 0.0), np.append(rows.slide[use, j], 0.0)
 
 
@@ -250,3 +250,181 @@ def _line(rows: ZeroRows, j: int, weight: Array) -> LoopLine | None:
     if not np.sqrt(np.mean(error**2)) > FLOOR:
         return None
     return LoopLine(j, use, weight[use], error, basis, slide)
+
+
+class Bodies(NamedTuple):
+    """Joints of a robot in Pinocchio's order, m of them, with the bodies that they carry."""
+
+    parent: Array  # (m,) [1] number of the parent joint, -1 for the base
+    rotation: Array  # (m, 3, 3) [1] from the frame of a joint at zero to its parent's
+    place: Array  # (m, 3) [m] in the frame of the parent
+    axis: Array  # (m, 3) [1] in the frame of the joint
+    slides: Mask  # (m,)
+    mass: Array  # (m,) [kg]
+    centre: Array  # (m, 3) [m]
+    inertia: Array  # (m, 3, 3) [kg.m2] about the centre
+    gravity: Array  # (3,) [m/s2]
+
+
+@dataclass(frozen=True, eq=False)
+class Chain(Frozen):
+    """Bodies moved by n coordinates."""
+
+    bodies: Bodies
+    drive: Array  # (m, n) speed of each joint per coordinate [1]
+    rest: Array  # (m,) [rad or m] position of each joint at coordinates of zero
+
+    def torque(self, q: Array, v: Array, a: Array) -> Array:
+        """Inverse dynamics (N, n) [N.m or N].
+
+        q: (N, n) [rad or m]; v: (N, n) [rad/s or m/s]; a: (N, n) [rad/s2 or m/s2].
+        """
+        turn = self.drive.T
+        x = (np.ascontiguousarray(y) for y in (q @ turn + self.rest, v @ turn, a @ turn))
+        return np.asarray(_torque(*x, self.bodies) @ self.drive)
+
+
+class _Motion(NamedTuple):
+    """Motion of m joints at one instant, in their own frames."""
+
+    turn: Array  # (m, 3, 3) [1] to the frame of the parent
+    at: Array  # (m, 3) [m] in the frame of the parent
+    w: Array  # (m, 3) [rad/s]
+    alpha: Array  # (m, 3) [rad/s2]
+    acc: Array  # (m, 3) [m/s2]
+
+
+def chain_of(robot: Robot) -> Chain | None:
+    """Chain of a robot; None if a joint has several axes."""
+    model = robot.model
+    joints = list(model.joints)[1:]
+    if any(joint.nv != 1 for joint in joints) or [joint.idx_v for joint in joints] != list(range(model.nv)):
+        return None
+    data, at = model.createData(), pin.neutral(model)
+    pin.computeJointJacobians(model, data, at)
+    every = (np.reshape(pin.getJointJacobian(model, data, i + 1, pin.LOCAL), (6, -1)) for i in range(model.nv))
+    own = [jacobian[:, i] for i, jacobian in enumerate(every)]
+    slides = np.array([bool(np.linalg.norm(column[3:]) < 0.5) for column in own])
+    axis = np.array([column[:3] if slide else column[3:] for column, slide in zip(own, slides, strict=True)])
+    places, bodies = list(model.jointPlacements)[1:], list(model.inertias)[1:]
+    carried = Bodies(
+        np.array([parent - 1 for parent in list(model.parents)[1:]]),
+        np.array([place.rotation for place in places]),
+        np.array([place.translation for place in places]),
+        axis,
+        slides,
+        np.array([body.mass for body in bodies]),
+        np.array([body.lever for body in bodies]),
+        np.array([body.inertia for body in bodies]),
+        np.array(model.gravity.linear),
+    )
+    return Chain(carried, np.asarray(robot.drive, float), np.asarray(robot.rest, float) * np.ones(model.nv))
+
+
+def _compiled(function):  # type: ignore[no-untyped-def]
+    return njit(cache=True, error_model="numpy")(function)
+
+
+@_compiled
+def _get(x, i):  # type: ignore[no-untyped-def]
+    return x[i, 0], x[i, 1], x[i, 2]
+
+
+@_compiled
+def _put(x, i, a):  # type: ignore[no-untyped-def]
+    x[i, 0], x[i, 1], x[i, 2] = a
+
+
+@_compiled
+def _cross(a, b):  # type: ignore[no-untyped-def]
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@_compiled
+def _sum(a, b, s):  # type: ignore[no-untyped-def]
+    """Vector a + s b."""
+    return a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]
+
+
+@_compiled
+def _out(m, i, x):  # type: ignore[no-untyped-def]
+    """Matrix i of m, times x."""
+    return (
+        m[i, 0, 0] * x[0] + m[i, 0, 1] * x[1] + m[i, 0, 2] * x[2],
+        m[i, 1, 0] * x[0] + m[i, 1, 1] * x[1] + m[i, 1, 2] * x[2],
+        m[i, 2, 0] * x[0] + m[i, 2, 1] * x[1] + m[i, 2, 2] * x[2],
+    )
+
+
+@_compiled
+def _in(m, i, x):  # type: ignore[no-untyped-def]
+    """Transposed matrix i of m, times x."""
+    return (
+        m[i, 0, 0] * x[0] + m[i, 1, 0] * x[1] + m[i, 2, 0] * x[2],
+        m[i, 0, 1] * x[0] + m[i, 1, 1] * x[1] + m[i, 2, 1] * x[2],
+        m[i, 0, 2] * x[0] + m[i, 1, 2] * x[1] + m[i, 2, 2] * x[2],
+    )
+
+
+@_compiled
+def _about(axis, angle, x):  # type: ignore[no-untyped-def]
+    """Vector x, turned by an angle about an axis."""
+    s, c = np.sin(angle), np.cos(angle)
+    along = (1 - c) * (axis[0] * x[0] + axis[1] * x[1] + axis[2] * x[2])
+    return _sum(_sum((c * x[0], c * x[1], c * x[2]), _cross(axis, x), s), axis, along)
+
+
+@_compiled
+def _move(bodies, i, q, v, a, motion):  # type: ignore[no-untyped-def]
+    """Place and motion of joint i from those of its parent; gravity is an acceleration of the base."""
+    rotation, slides, gravity = bodies.rotation, bodies.slides, bodies.gravity
+    turn, at, w, alpha, acc = motion
+    p, own, here = bodies.parent[i], _get(bodies.axis, i), _get(bodies.place, i)
+    if slides[i]:
+        here = _sum(here, _out(rotation, i, own), q)
+    for k in range(3):  # rows of rotation after the turn: each is turned back
+        x = rotation[i, k, 0], rotation[i, k, 1], rotation[i, k, 2]
+        turn[i, k, 0], turn[i, k, 1], turn[i, k, 2] = x if slides[i] else _about(own, -q, x)
+    _put(at, i, here)
+    spin, rise, fall = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (-gravity[0], -gravity[1], -gravity[2])
+    if p >= 0:
+        spin, rise = _get(w, p), _get(alpha, p)
+        fall = _sum(_sum(_get(acc, p), _cross(rise, here), 1.0), _cross(spin, _cross(spin, here)), 1.0)
+    spin, rise, fall = _in(turn, i, spin), _in(turn, i, rise), _in(turn, i, fall)
+    if slides[i]:
+        fall = _sum(_sum(fall, own, a), _cross(spin, own), 2 * v)
+    else:
+        rise = _sum(_sum(rise, own, a), _cross(spin, own), v)
+        spin = _sum(spin, own, v)
+    _put(w, i, spin)
+    _put(alpha, i, rise)
+    _put(acc, i, fall)
+
+
+@_compiled
+def _torque(q, v, a, bodies):  # type: ignore[no-untyped-def]
+    """Recursive Newton-Euler algorithm (Luh, Walker, Paul 1980), all in the frames of the joints."""
+    rows, m = q.shape
+    out = np.empty((rows, m))
+    turn, at = np.empty((m, 3, 3)), np.empty((m, 3))
+    w, alpha, acc, f, n = np.zeros((5, m, 3))
+    motion = _Motion(turn, at, w, alpha, acc)
+    parent, _, _, axis, slides, mass, centre, inertia, _ = bodies
+    for t in range(rows):
+        for i in range(m):
+            _move(bodies, i, q[t, i], v[t, i], a[t, i], motion)
+            c, spin, rise = _get(centre, i), _get(w, i), _get(alpha, i)
+            push = _sum(_sum(_get(acc, i), _cross(rise, c), 1.0), _cross(spin, _cross(spin, c)), 1.0)
+            push = (mass[i] * push[0], mass[i] * push[1], mass[i] * push[2])
+            twist = _sum(_out(inertia, i, rise), _cross(spin, _out(inertia, i, spin)), 1.0)
+            _put(f, i, push)
+            _put(n, i, _sum(twist, _cross(c, push), 1.0))
+        for i in range(m - 1, -1, -1):
+            own, p = (f if slides[i] else n), parent[i]
+            out[t, i] = axis[i, 0] * own[i, 0] + axis[i, 1] * own[i, 1] + axis[i, 2] * own[i, 2]
+            if p >= 0:
+                push = _out(turn, i, _get(f, i))
+                twist = _sum(_out(turn, i, _get(n, i)), _cross(_get(at, i), push), 1.0)
+                _put(f, p, _sum(_get(f, p), push, 1.0))
+                _put(n, p, _sum(_get(n, p), twist, 1.0))
+    return out

@@ -4,31 +4,41 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import t as student
 
 from ...servos import Servo, ServoGrid
 from ...types import Array, Robot
-from .chain import chain_of
-from .fit import POINTS, ZeroFit, ZeroTrial, best_zeros, fit_zeros, mirrored, noise_of, search, turned, weighted
-from .rows import MIN_USABLE_ROWS, Loads, foreseen, unexplained, zero_rows
+from .fit import (
+    POINTS,
+    ZeroFit,
+    ZeroStart,
+    ZeroTrial,
+    best_zeros,
+    fit_zeros,
+    mirrored,
+    noise_of,
+    search,
+    turned,
+    weighted,
+)
+from .rows import MIN_USABLE_ROWS, Loads, chain_of, foreseen, unexplained, zero_rows
 
 LAST_FIT_ROWS, FIT_ROWS, SEARCH_ROWS = 1200, 400, 200  # rows of the last fit, of those before, and of the search
 RIVALS = 2  # fits with another sign that are refined
 MIN_ZERO_SECONDS = 1.5  # [s] of a recording
 LEAST_BLOCKS = 4  # blocks without which nothing is said
-ACTS = 1e-2  # share of the largest gravity torque that another zero of a joint must change: bodies are not known better
-KNOWN = 0.35  # [rad] standard deviation from which a zero is not identifiable
+MIN_ACTING = 1e-2  # share of the largest gravity torque that another zero must change: bodies are not known better
+KNOWN_ZERO_STD = 0.35  # [rad] standard deviation from which a zero is not identifiable
 MIN_CHANGED_ZERO = 0.1  # [rad] smaller zeros are within what masses of a description leave open
 P_CHANGE = 0.95  # probability from which a change is said
 P_SIGN = 0.9  # probability from which a sign is identifiable
-SAVED = 0.02  # sum over joints of the log rms that all changes must save
-WHOLE = 4  # recordings from which they are held out whole
+MIN_CHANGE_SAVING = 0.02  # sum over joints of the log rms that all changes must save
+WHOLE_RECORDINGS = 4  # recordings from which they are held out whole
 NEGLIGIBLE_NATS = 0.5  # nats of errors of a block that count as none
 MOST_NATS = 12.0  # nats that the evidence can reach; models of robots are not exact
-COST = 4.0  # nats that a changed zero or sign must save, beyond the fit of noise: a prior of 1/5 each and its width
+CHANGE_COST = 4.0  # nats that a changed zero or sign must save, beyond the noise: a prior of 1/5 each and its width
 LIKELY = 3  # trials of the search from which the choice starts, beside the description
 MAX_GRAVITY_LOSS = 0.2  # sum of log rms by which gravity alone may fit worse with a sign that is tried
 ZERO_DEVIATIONS = 6.0  # standard deviations of a zero that may be none
@@ -78,7 +88,7 @@ def acting(loads: Loads, joints: Iterable[int]) -> list[int]:
     found = []
     for j in joints:
         turned_by = [loads.gravity(signs, turn * np.eye(n)[j])[:, used] for turn in POINTS[1:]]
-        if max(np.abs(x - plain).max(initial=0.0) for x in turned_by) > ACTS * np.abs(plain).max(initial=0.0):
+        if max(np.abs(x - plain).max(initial=0.0) for x in turned_by) > MIN_ACTING * np.abs(plain).max(initial=0.0):
             found.append(j)
     return found
 
@@ -117,7 +127,7 @@ class _Judged:
         n = len(best.signs)
         described = self._fit(np.ones(n), np.zeros(n), ())
         odds = log_odds(self.scores, held_out(*fine, described), min(best.changed, 1))
-        self.sure = probability(odds) > P_CHANGE and self._saved(described) > SAVED
+        self.sure = probability(odds) > P_CHANGE and self._saved(described) > MIN_CHANGE_SAVING
 
     def all(self, turning: Sequence[int]) -> tuple[JointZero, ...]:
         """Each revolute joint."""
@@ -135,9 +145,9 @@ class _Judged:
         shift = probability(self._odds(self._plain(j))) if shifted else 0.0
         zero, std = float(own.zeros[j]), float(own.std[j])
         far = best.signs[j] < 0 or abs(zero) > max(2 * std, MIN_CHANGED_ZERO)
-        changed = bool(self.sure and shifted and far and std < KNOWN and shift > P_CHANGE)
+        changed = bool(self.sure and shifted and far and std < KNOWN_ZERO_STD and shift > P_CHANGE)
         undecided = far and not changed
-        known = std < KNOWN and sign > P_SIGN and not undecided
+        known = std < KNOWN_ZERO_STD and sign > P_SIGN and not undecided
         turn = int(best.signs[j])
         if undecided and turn < 0:
             turn, sign = 1, 1 - sign
@@ -194,7 +204,7 @@ def held_out(loads: Loads, noise: Array, fit: ZeroFit) -> Array:
     noise: (n,) [rad or m] of independent rows.
     """
     rows = loads.rows
-    whole = len(np.unique(rows.recording)) >= WHOLE
+    whole = len(np.unique(rows.recording)) >= WHOLE_RECORDINGS
     half = (rows.recording if whole else rows.block) % 2 == 0
     names, number = np.unique(rows.block, return_inverse=True)
     out = np.zeros(len(names))
@@ -249,14 +259,6 @@ class JointZero:
         return self.sign > 0 or self.sign_probability >= P_SIGN
 
 
-class Proposal(NamedTuple):
-    """Start of a fit, and the joints whose zeros are free."""
-
-    signs: Array  # (n,) [1]
-    zeros: Array  # (n,) [rad or m]
-    free: tuple[int, ...]
-
-
 def chosen(loads: Loads, noise: Array, trials: Sequence[ZeroTrial], joints: Sequence[int]) -> ZeroFit:
     """Cheapest fit from the description and from the best trials; noise: (n,) [rad or m] of independent rows."""
     n = len(loads.rows.joints)
@@ -269,7 +271,7 @@ def chosen(loads: Loads, noise: Array, trials: Sequence[ZeroTrial], joints: Sequ
 
 def cost(fit: ZeroFit) -> float:
     """Errors and changes of a fit in nats."""
-    return fit.squares + COST * fit.changed
+    return fit.squares + CHANGE_COST * fit.changed
 
 
 def simplified(loads: Loads, noise: Array, fit: ZeroFit, joints: Sequence[int]) -> ZeroFit:
@@ -285,7 +287,7 @@ def simplified(loads: Loads, noise: Array, fit: ZeroFit, joints: Sequence[int]) 
     return fit
 
 
-def _neighbours(loads: Loads, fit: ZeroFit, joints: Sequence[int]) -> Iterator[Proposal]:
+def _neighbours(loads: Loads, fit: ZeroFit, joints: Sequence[int]) -> Iterator[ZeroStart]:
     """Fits with another sign or zero of one joint that may be cheaper; zeros that were free may be as described."""
     here = ZeroTrial(np.inf, fit.signs, fit.zeros)
     for j in joints:
@@ -299,6 +301,6 @@ def _neighbours(loads: Loads, fit: ZeroFit, joints: Sequence[int]) -> Iterator[P
             if other and one.score > least + MAX_GRAVITY_LOSS:
                 continue
             if other or (j in fit.free and abs(fit.zeros[j]) < ZERO_DEVIATIONS * fit.std[j]):
-                yield Proposal(one.signs, plain, others)
+                yield one.signs, plain, others
             if other or j not in fit.free:
-                yield Proposal(one.signs, one.zeros, (*others, j))
+                yield one.signs, one.zeros, (*others, j)

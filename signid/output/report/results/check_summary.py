@@ -153,7 +153,7 @@ def unit_uses(recordings: Sequence[Recording], positions: Mapping[str, str]) -> 
                     if signal == "tau" and recording.scaled is not None and not recording.scaled[j]:
                         into = "A"  # a current without a torque constant
                     factor = float(recording.torque_per_unit[j]) if signal == "tau" else 1.0
-                    key = signal, recording.columns.get(column, UNSTATED_UNIT), into, factor != 1
+                    key = signal, recording.units.get(column, UNSTATED_UNIT), into, factor != 1
                     uses.setdefault(key, {})[column] = factor
     ordered = sorted(uses.items(), key=lambda item: [*WORDS, item[0][0]].index(item[0][0]))
     return tuple(
