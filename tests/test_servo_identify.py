@@ -12,11 +12,14 @@ import pytest
 
 import signid
 from signid.model import Model, load_model, with_servos
+from signid.servo.given import given_texts
 from signid.servo.identify import ServoIdentification, ServoOptions
 from signid.servo.identify.fits import alternatives, closed_loops, mass_ratio
 from signid.servo.identify.identifiable import JointFacts, dependence, dependent_numbers, joint_numbers
+from signid.servo.identify.run import _lightened, start_fit
 from signid.servo.plant import grids_of_arrays, roll_out
 from signid.servo.search.choice import improves, law_probabilities
+from signid.servo.search.data import servo_data
 from signid.servos import Servo
 from signid.types import Array, Robot
 
@@ -195,6 +198,22 @@ def test_numbers_of_a_simulated_drive_are_found(found: ServoIdentification) -> N
         assert number.value == pytest.approx(true, rel=tolerance), name
     assert numbers["delay"].value == pytest.approx(0.012, abs=5e-4)
     assert found.rollout.whole_rms[0] < 2e-3 < found.rollout.nominal_whole_rms[0]
+
+
+def test_a_rotor_too_heavy_for_its_loop_is_fitted_again_from_a_light_one(
+    pendulum: tuple[Robot, dict[str, Array]],
+) -> None:
+    robot, columns = pendulum
+    recordings = (signid.read_recording(columns, robot),)
+    data, nothing = servo_data(robot, recordings, (), None), dict[str, dict[str, float]]()
+    assumed = given_texts(robot, data.driven, nothing, known=None, prior=(), bounds=(), equal=())
+    problem = start_fit(load_model(robot), data, assumed, ServoOptions(), recordings, None)
+    servo = problem.start.servos["swing"]
+    heavy = problem.fit(problem.start.changed({"swing": servo.with_(armature=1000 * servo.kp)}), steps=1)
+    assert heavy.candidate.servos["swing"].armature > 100
+    light = _lightened(problem, heavy).candidate.servos["swing"]
+    assert light.armature == pytest.approx(TRUE.armature, rel=0.3)
+    assert _lightened(problem, problem.fit(problem.start)).candidate.servos["swing"].armature < 1
 
 
 def test_without_a_scale_the_table_holds_the_true_ratios(pendulum: tuple[Robot, dict[str, Array]]) -> None:

@@ -365,7 +365,7 @@ def search(by: ServoProblem) -> ServoTrial:
     base = replace(by.fit(by.start), laws=dict.fromkeys(free_laws, dict.fromkeys(LINEAR_LAWS, 1 / len(LINEAR_LAWS))))
     if not by.searched.folds:
         return base
-    base = _following(by, base)
+    base = _lightened(by, base)
     suspects = by.saturating()
     large = [joint for joint in suspects if base.residual[joint] > LIMIT_ERROR_RATIO * loop_error(by.searched, joint)]
     loose = by.near(large)
@@ -390,7 +390,7 @@ def search(by: ServoProblem) -> ServoTrial:
     return replace(by.shorten(base) if base.candidate.window else by.lengthen(base), laws=base.laws)
 
 
-def _following(by: ServoProblem, base: ServoTrial) -> ServoTrial:
+def _lightened(by: ServoProblem, base: ServoTrial) -> ServoTrial:
     """Fit joints again whose rotors are so heavy that the loop cannot follow within a window, from light ones.
 
     From a measured state a heavy rotor coasts along any smooth motion, so short windows fit; whole recordings do not.
