@@ -14,9 +14,10 @@ from signid.diagnose.data.dataset import columns_of
 from signid.diagnose.data.rows import Group, build_groups
 from signid.diagnose.evidence.bayes_factors import Evidence
 from signid.diagnose.evidence.prior import StatedPrior, stated_prior
-from signid.diagnose.extend import predict, read_laws
+from signid.diagnose.extend import read_laws
 from signid.diagnose.findings.held_out_selection import ExtendedSimulation
 from signid.diagnose.findings.stated import stated_number_findings
+from signid.diagnose.holdout import predict
 from signid.diagnose.thresholds import COVARIANCE_SCALES, INTERVAL_COVARIANCE_SCALES
 from signid.model import Model
 from signid.regression.base_parameters import base_covariance, build_base

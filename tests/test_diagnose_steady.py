@@ -11,10 +11,10 @@ import pytest
 from signid.diagnose.data.dataset import solve
 from signid.diagnose.data.noise import _damped
 from signid.diagnose.data.rows import Group
-from signid.diagnose.extend import ResidualRows
 from signid.diagnose.findings.alternatives import Contender
 from signid.diagnose.findings.findings import _is_vague, _with_held_out
 from signid.diagnose.findings.held_out_selection import Extension, _pruned, error_change
+from signid.diagnose.holdout import ResidualRows
 from signid.diagnose.search.contributions import steadiness
 from signid.diagnose.search.shapes import _minimised
 from signid.diagnose.thresholds import MAX_AR_ROOT

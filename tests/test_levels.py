@@ -16,7 +16,7 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "cli": "app terminal arguments fleet demo commands run __init__",
     "faults": "result channels commands evidence distortions search gravity examine identified __init__",
     "servo": "__init__ given plant simulate fit search zeros identify validate diagnose compare",
-    "diagnose": "thresholds data evidence result extend search findings detectable run __init__",
+    "diagnose": "thresholds data evidence result holdout extend search findings detectable run __init__",
     "output": "__init__ geometry report replay viewers export frames display",
     "output/export": "bodies formats drives urdf mjcf actuators code vendor function loop __init__",
     "output/report": "layout write documents quantities sections pages plots results __init__",

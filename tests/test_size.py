@@ -48,10 +48,10 @@ TODAY = {
     "signs": 3095,
     "faults": 3784,
     "servo": 8751,
-    "diagnose": 6622,
+    "diagnose": 6637,
     "payload": 1410,
     "watch": 2100,
-    "output": 11870,
+    "output": 11882,
     "cli": 4659,
     "": 2494,
 }

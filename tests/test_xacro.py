@@ -129,7 +129,7 @@ def test_xacro_expressions_have_what_xacro_documents(expression: str, value: str
 def test_the_process_may_neither_write_nor_run_nor_connect(tmp_path: Path) -> None:
     program = f"""if 1:
         import os, socket, subprocess
-        from signid.robot.description import sandbox
+        from signid.robot import sandbox
         sandbox._guard([{str(tmp_path / "inside")!r}])
         def refused(act, *given):
             try:
@@ -170,7 +170,7 @@ def test_xacro_keeps_to_limits_that_are_there_already() -> None:
     pytest.importorskip("resource")
     program = """if 1:
         import resource
-        from signid.robot.description import sandbox
+        from signid.robot import sandbox
         resource.setrlimit(resource.RLIMIT_AS, (3_000_000_000,) * 2)
         sandbox._limit_process()
         assert resource.getrlimit(resource.RLIMIT_AS) == (3_000_000_000,) * 2

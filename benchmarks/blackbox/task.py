@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 import signid
-from signid.diagnose.extend import ResidualRows, residual_rows
+from signid.diagnose.holdout import ResidualRows, residual_rows
 from signid.errors import SignidError
 from signid.identify import Identification
 from signid.model import Model, stated_inertials, stated_laws

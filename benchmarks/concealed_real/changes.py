@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pinocchio as pin
 
-from signid.diagnose.extend import residual_rows
+from signid.diagnose.holdout import residual_rows
 from signid.identify import Identification
 from signid.model import Model, stated_inertials
 from signid.recording.sampling import samples

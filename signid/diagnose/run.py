@@ -34,7 +34,6 @@ from .detectable import detectable
 from .evidence.bayes_factors import Evidence
 from .evidence.prior import stated_prior
 from .evidence.selection import Posterior, Selection, StatedBodies
-from .extend import Comparison, Prediction, compare, predict
 from .findings.alternatives import limit_in_step, replace_weak
 from .findings.findings import (
     Conclusions,
@@ -46,6 +45,7 @@ from .findings.findings import (
 )
 from .findings.stated import MAX_LOG_ODDS, impossible, pinned, torque_share, with_ordinary, without
 from .findings.verdict import decide_verdict
+from .holdout import Comparison, Prediction, compare, predict
 from .result import Diagnosis, Finding
 from .search.iterate import SearchResult, select
 from .search.shapes import CONTACT_EFFECT as CONTACT

@@ -253,7 +253,7 @@ class Bounds(NamedTuple):
 
 @dataclass(frozen=True)
 class Assumptions:
-    """What is stated or assumed of drives; each number, prior and range stands at every joint that it holds for."""
+    """Stated and assumed numbers of drives; each number, prior and range stands at every joint that it holds for."""
 
     equal: tuple[tuple[str, ...], ...] = ()  # joints whose numbers, but UNSHARED, are one number each
     priors: Mapping[Name, Prior] = field(default_factory=dict)

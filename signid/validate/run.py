@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..diagnose.data.motions import pieces, row_filter
-from ..diagnose.extend import filtered
+from ..diagnose.holdout import filtered
 from ..effects import EFFECT_NAMES
 from ..errors import InputError, OptionError, RecordingError, shorten
 from ..estimation.fit_quality import MIN_R2, Fit, fit_rows

@@ -32,7 +32,7 @@ from ..data.locate import Location, locate
 from ..data.noise import Noise
 from ..data.rows import Group
 from ..evidence.selection import Selection
-from ..extend import Prediction, ResidualRows, fit_of, predict
+from ..holdout import Prediction, ResidualRows, fit_of, predict
 from ..result import Alternative, Finding, Unexplained, without_cause
 from ..search.stepwise import LAW_SEARCH, required_log_odds
 from .alternatives import Contender

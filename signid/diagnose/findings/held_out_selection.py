@@ -18,7 +18,8 @@ from ..data.estimated_gains import as_given
 from ..data.hypotheses import is_transient
 from ..data.rows import Group
 from ..evidence.selection import Selection
-from ..extend import Prediction, ResidualRows, extend, predict, read_laws, residual_rows
+from ..extend import extend, read_laws
+from ..holdout import Prediction, ResidualRows, predict, residual_rows
 from ..search.stepwise import LAW_SEARCH
 
 RefitBlock = tuple[Group, ...]  # stated numbers that are refitted together: all bodies, or the laws of some joints

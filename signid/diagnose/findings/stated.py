@@ -30,7 +30,8 @@ from ..data.motions import pieces
 from ..data.rows import Group, rough_drives
 from ..evidence.bayes_factors import Evidence
 from ..evidence.selection import Posterior, Selection
-from ..extend import Prediction, extended_laws, is_plain, is_same, predict
+from ..extend import extended_laws, is_plain, is_same
+from ..holdout import Prediction, predict
 from ..result import Alternative, Finding
 from .held_out_selection import ExtendedSimulation, error_change
 

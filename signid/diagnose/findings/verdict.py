@@ -17,7 +17,7 @@ from ..data.dataset import Dataset
 from ..data.noise import has_full_window, weights
 from ..data.rows import Group
 from ..evidence.selection import Posterior, Selection
-from ..extend import ResidualRows
+from ..holdout import ResidualRows
 from ..result import MUCH_SHARE
 from ..search.contributions import Contributions, measure_contributions
 from .alternatives import Contender

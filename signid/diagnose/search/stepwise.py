@@ -18,7 +18,8 @@ from ..data.hypotheses import Key
 from ..data.rows import Group
 from ..evidence.prior import CoefficientPrior
 from ..evidence.selection import Odds, Posterior, Selection
-from ..extend import extend, has_possible_numbers, is_possible, nearest_bodies, read_laws, residual_rows
+from ..extend import extend, has_possible_numbers, is_possible, nearest_bodies, read_laws
+from ..holdout import residual_rows
 from .contributions import measure_contributions, residual_growth
 
 LAW_SEARCH = "the search for laws"  # name of the search in messages about time limits

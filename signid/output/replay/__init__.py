@@ -22,8 +22,9 @@ from ...recording.source import Source
 from ...simulation.rollout import restrict_joints
 from ...typed import typed
 from ...types import Array, Recording, Robot, Table
+from .live import Live
 from .marks import headline, marks, read_found
-from .page import Live, Replay
+from .page import Replay
 from .shapes import look, reach
 from .track import commands_only, follow_commands, movers, poses, track_of, with_drives
 

@@ -284,7 +284,7 @@ def _positions(title: str, t: Array, unit: str, lines: Sequence[Line], most: int
 
 def held_out_rows(session: Session, after: Model) -> tuple[Course, bool]:
     """Residuals of the description and the model on held-out data or its beginning; whether that is all of it."""
-    from ...diagnose.extend import course_of, residual_rows
+    from ...diagnose.holdout import course_of, residual_rows
 
     parts = list(_beginning(session.held_out))
     stated = Model(session.robot, stated_inertials(session.robot), stated_laws(session.robot))

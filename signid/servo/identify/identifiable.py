@@ -1,4 +1,4 @@
-"""What recordings say of each joint, the numbers of its drive that they identify, and why not the others."""
+"""Facts of the joints in recordings, the numbers of drives that they identify, and why not the others."""
 
 from __future__ import annotations
 
