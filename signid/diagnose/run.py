@@ -197,6 +197,8 @@ def _question_note(lacked: bool, verdict: str) -> str:
     if lacked:
         return f"{nothing}; what is found it lacked from the start"
     beyond = "beyond what its laws left of the torque then"
+    if verdict == UNDECIDED:
+        return f"whether something has changed since the model was identified is open: something is left {beyond}"
     if verdict == NOTHING_MISSING:
         return f"{nothing}, {beyond}"
     return f"what is found has changed since the model was identified: it is {beyond}"
