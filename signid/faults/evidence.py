@@ -15,7 +15,7 @@ import numpy as np
 
 from ..effects.base import BodyLaw, TorqueLaw
 from ..model import Model
-from ..recording.sampling.grid import lagrange
+from ..recording.sampling.grid import POINTS, lagrange
 from ..regression.bandwidth import Decimator
 from ..regression.motion import Motion, build_motion, margin
 from ..regression.projection import leave
@@ -50,6 +50,18 @@ class Curve(Frozen):
         """Values (K, n) at t: (K,) [s] by the polynomial through the nearest samples; constant beyond the ends."""
         place = (np.clip(t, self.t[0], self.t[-1]) - self.t[0]) / (self.t[-1] - self.t[0]) * (len(self.t) - 1)
         return lagrange(self.x, place)
+
+    def near(self, t: Array, lags: Array, column: int) -> tuple[Array, Array]:
+        """Samples (K, P) of a column around the samples t: (K,) [s], and weights (L, P) of its values at t + lags.
+
+        lags: (L,) [s]. Beyond the ends the column is constant.
+        """
+        step = (self.t[-1] - self.t[0]) / (len(self.t) - 1)
+        first = int(np.floor(lags.min() / step)) - POINTS
+        offsets = np.arange(first, int(np.ceil(lags.max() / step)) + POINTS)
+        rows = np.rint((t - self.t[0]) / step).astype(int)[:, None] + offsets
+        values = self.x[:, column].take(rows, mode="clip")
+        return values, lagrange(np.eye(len(offsets)), lags / step - first)
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,10 +218,34 @@ class PassiveFit(NamedTuple):
     Only the offset may be negative.
     """
 
-    gain: Array  # (n, T) [1] factor on the predicted torque
+    columns: Array  # (n, K, k) [N.m or N, rad/s or m/s, 1, rad/s2 or m/s2] less their means
+    torque: Array  # (n, K, T) [N.m or N] less its mean
+    value: Array  # (n, k, T) [torque per unit of the column] coefficients
     unexplained: Array  # (n, T) [1] residual variance over the torque's variance
-    residual: Array  # (n, K, T) [N.m or N]
     power: Array  # (n, T) [N2.m2 or N2] variance of the torque
+
+    @property
+    def gain(self) -> Array:
+        """Factor (n, T) [1] on the predicted torque."""
+        return self.value[:, 0]
+
+    @property
+    def residual(self) -> Array:
+        """What the fit leaves (n, K, T) [N.m or N]."""
+        return np.asarray(self.torque - self.columns @ self.value)
+
+
+def passive_columns(x: Signals, predicted: bool = True, rotor: bool = True) -> Array:
+    """Columns (n, K, k) of each joint less their means: predicted torque, viscous and Coulomb friction, and a rotor."""
+    used = np.stack([x.predicted.T] * predicted + [x.v.T, x.direction.T] + [x.a.T] * rotor, axis=1)
+    return np.asarray(used - used.mean(axis=2, keepdims=True)).swapaxes(1, 2)
+
+
+def block_products(signals: Sequence[Array], block: Indices) -> Array:
+    """Products (B, n, s + 1, s + 1) of s signals (K, n) less their means, and of one, in each block (K,)."""
+    z = np.stack([signal.T for signal in signals], axis=1)
+    z = np.concatenate([z - z.mean(axis=2, keepdims=True), np.ones_like(z[:, :1])], axis=1)
+    return np.array([own @ own.swapaxes(1, 2) for own in (z[:, :, block == k] for k in np.unique(block))])
 
 
 def fit_passive(x: Signals, torque: Array | None = None, predicted: bool = True, rotor: bool = True) -> PassiveFit:
@@ -217,18 +253,24 @@ def fit_passive(x: Signals, torque: Array | None = None, predicted: bool = True,
 
     torque: (n, K, T) [N.m or N]; None: the recorded one (T = 1). Predicted torque and rotor can be left out.
     """
-    used = [x.predicted] * predicted + [x.v, x.direction] + [x.a] * rotor
-    columns = np.stack([signal.T for signal in used], axis=-1)
-    columns = columns - columns.mean(axis=1, keepdims=True)
-    size = np.maximum(np.linalg.norm(columns, axis=1), 1e-150)  # its square is a number
+    columns = passive_columns(x, predicted, rotor)
     y = x.torque.T[:, :, None] if torque is None else torque
     y = y - y.mean(axis=1, keepdims=True)
-    across = columns.swapaxes(1, 2)
-    gram = across @ columns / (size[:, :, None] * size[:, None, :])
-    value = nonnegative(gram, across @ y / size[:, :, None]) / size[:, :, None]
-    residual, power = y - columns @ value, np.sum(y**2, axis=1)
-    share = np.where(power > 0, np.sum(residual**2, axis=1) / np.where(power > 0, power, 1.0), 1.0)
-    return PassiveFit(value[:, 0], share, residual, power / y.shape[1])
+    across, power = columns.swapaxes(1, 2), np.einsum("jkt,jkt->jt", y, y)
+    value, share = fit_products(across @ columns, across @ y, power)
+    return PassiveFit(columns, y, value, share, power / y.shape[1])
+
+
+def fit_products(gram: Array, right: Array, power: Array) -> tuple[Array, Array]:
+    """Coefficients (n, k, T) and unexplained shares (n, T) [1] of passive fits, from products of columns and torques.
+
+    gram: (n, k, k), of columns; right: (n, k, T), of columns and torques; power: (n, T), squares of torques.
+    """
+    size = np.sqrt(np.maximum(np.diagonal(gram, axis1=1, axis2=2), 1e-300))[:, :, None]
+    scaled, right = gram / (size * size.swapaxes(1, 2)), right / size
+    value = nonnegative(scaled, right)
+    rest = np.maximum(power - np.sum(value * (2 * right - scaled @ value), axis=1), 0.0)
+    return value / size, np.where(power > 0, rest / np.where(power > 0, power, 1.0), 1.0)
 
 
 def nonnegative(gram: Array, right: Array) -> Array:

@@ -24,6 +24,7 @@ from .evidence import (
     Correction,
     FaultEvidence,
     Signals,
+    block_products,
     far_better,
     fit_passive,
     informative_torques,
@@ -163,13 +164,11 @@ def weigh(evidence: FaultEvidence) -> Weights:
     load = gravity_columns(evidence) @ evidence.model.bodies().gravity.linear
     inertial, deviation = x.predicted - load, np.std(load, axis=0)
     share, strong, bare = np.zeros(n), np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
-    subsets = [np.ones(len(evidence.q), dtype=bool), *(evidence.block != k for k in np.unique(evidence.block))]
+    blocks = block_products((inertial, x.v, x.direction, x.a, load, x.torque), evidence.block)
+    subsets = np.concatenate([blocks.sum(axis=0)[None], blocks.sum(axis=0) - blocks])
     heavy = evidence.signed & (deviation > HEAVY * deviation.max()) & (np.std(x.torque, axis=0) > 0)
     for j in np.flatnonzero(heavy).tolist():
-        size, products = float(np.std(x.torque[:, j])), []
-        for rows in subsets:
-            both = _beyond_inertia(x, inertial, j, rows, np.column_stack([load[rows, j], x.torque[rows, j]]) / size)
-            products.append((both.T @ both) / rows.sum())
+        products = _beyond_inertia(subsets[:, j]) / np.var(x.torque[:, j])
         if products[0][0, 0] >= VISIBLE**2:
             shares = np.array([gram[0, 1] / max(gram[0, 0], 1e-300) for gram in products])
             spread = float(np.sqrt((len(shares) - 2) * np.var(shares[1:])))
@@ -178,12 +177,17 @@ def weigh(evidence: FaultEvidence) -> Weights:
     return Weights(share, strong, bare)
 
 
-def _beyond_inertia(x: Signals, inertial: Array, joint: int, rows: Mask, y: Array) -> Array:
-    """Residual (M, k) of y: (M, k) [1] in some rows after inertial torque, friction, rotor and offset of a joint."""
-    signals = (inertial, x.v, x.direction, x.a)
-    beside = np.column_stack([np.ones(len(y)), *(signal[rows, joint] for signal in signals)])
-    basis = np.linalg.qr(beside / np.maximum(np.linalg.norm(beside, axis=0), 1e-300))[0]
-    return np.asarray(y - basis @ (basis.T @ y))
+def _beyond_inertia(products: Array) -> Array:
+    """Mean products (S, 2, 2) [N2.m2 or N2] of load and torque after inertial torque, friction, rotor and offset.
+
+    products: (S, 7, 7) of one joint, in S subsets of the rows, of inertial torque, friction, rotor, load, torque, one.
+    """
+    beside, both = [0, 1, 2, 3, 6], [4, 5]
+    size = np.sqrt(np.maximum(np.diagonal(products, axis1=1, axis2=2), 1e-300))[:, beside]
+    inner = products[:, beside][:, :, beside] / (size[:, :, None] * size[:, None])
+    across = products[:, beside][:, :, both] / size[:, :, None]
+    rest = products[:, both][:, :, both] - across.swapaxes(1, 2) @ np.linalg.pinv(inner, 1e-12, True) @ across
+    return np.asarray(rest / products[:, 6:, 6:])
 
 
 def _best(evidence: FaultEvidence, informative: Mask, gravity: Array, columns: Array) -> Array | None:
