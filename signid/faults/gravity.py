@@ -17,7 +17,7 @@ import numpy as np
 
 from ..robot import with_gravity
 from ..robot.joints import gravity_text, root_link
-from ..types import Array, Frozen, Mask
+from ..types import Array, Frozen, Indices, Mask
 from .distortions import axis_words, descend, nats, thinned
 from .evidence import (
     MIN_AGREED,
@@ -164,11 +164,10 @@ def weigh(evidence: FaultEvidence) -> Weights:
     load = gravity_columns(evidence) @ evidence.model.bodies().gravity.linear
     inertial, deviation = x.predicted - load, np.std(load, axis=0)
     share, strong, bare = np.zeros(n), np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
-    blocks = block_products((inertial, x.v, x.direction, x.a, load, x.torque), evidence.block)
-    subsets = np.concatenate([blocks.sum(axis=0)[None], blocks.sum(axis=0) - blocks])
+    subsets = _subsets((inertial, x.v, x.direction, x.a, load, x.torque), evidence.block)
     heavy = evidence.signed & (deviation > HEAVY * deviation.max()) & (np.std(x.torque, axis=0) > 0)
     for j in np.flatnonzero(heavy).tolist():
-        products = _beyond_inertia(subsets[:, j]) / np.var(x.torque[:, j])
+        products = _beyond_inertia(subsets[:, j]) / subsets[:, j, -1:, -1:] / np.var(x.torque[:, j])
         if products[0][0, 0] >= VISIBLE**2:
             shares = np.array([gram[0, 1] / max(gram[0, 0], 1e-300) for gram in products])
             spread = float(np.sqrt((len(shares) - 2) * np.var(shares[1:])))
@@ -178,16 +177,21 @@ def weigh(evidence: FaultEvidence) -> Weights:
 
 
 def _beyond_inertia(products: Array) -> Array:
-    """Mean products (S, 2, 2) [N2.m2 or N2] of load and torque after inertial torque, friction, rotor and offset.
+    """Products (S, k, k) of k signals of a joint after inertial torque, friction, rotor and offset.
 
-    products: (S, 7, 7) of one joint, in S subsets of the rows, of inertial torque, friction, rotor, load, torque, one.
+    products: (S, 5 + k, 5 + k), in S subsets of the rows, of inertial torque, friction, rotor, the k signals, and one.
     """
-    beside, both = [0, 1, 2, 3, 6], [4, 5]
+    beside, both = [0, 1, 2, 3, -1], slice(4, -1)
     size = np.sqrt(np.maximum(np.diagonal(products, axis1=1, axis2=2), 1e-300))[:, beside]
     inner = products[:, beside][:, :, beside] / (size[:, :, None] * size[:, None])
-    across = products[:, beside][:, :, both] / size[:, :, None]
-    rest = products[:, both][:, :, both] - across.swapaxes(1, 2) @ np.linalg.pinv(inner, 1e-12, True) @ across
-    return np.asarray(rest / products[:, 6:, 6:])
+    across = products[:, beside, both] / size[:, :, None]
+    return np.asarray(products[:, both, both] - across.swapaxes(1, 2) @ np.linalg.pinv(inner, 1e-12, True) @ across)
+
+
+def _subsets(signals: Sequence[Array], block: Indices) -> Array:
+    """Products as of `block_products` of all rows, and without each block."""
+    blocks = block_products(signals, block)
+    return np.concatenate([blocks.sum(axis=0)[None], blocks.sum(axis=0) - blocks])
 
 
 def _best(evidence: FaultEvidence, informative: Mask, gravity: Array, columns: Array) -> Array | None:
@@ -232,26 +236,28 @@ def _std(evidence: FaultEvidence, columns: Array, axes: Array, value: Array) -> 
 
     Source: jackknife: Efron, The Jackknife, the Bootstrap and Other Resampling Plans, SIAM, 1982, chapter 3.
     """
-    blocks = np.unique(evidence.block)
-    whole = _linear(evidence, columns, axes, value, np.ones(len(evidence.q), dtype=bool))
-    without = np.array([_linear(evidence, columns, axes, value, evidence.block != k) for k in blocks])
-    scatter = np.sqrt((len(blocks) - 1) * np.mean((without - without.mean(axis=0)) ** 2, axis=0))
+    x = evidence.plain
+    shown = np.moveaxis(columns @ axes.T, 2, 0)
+    subsets = _subsets((x.predicted - columns @ value, x.v, x.direction, x.a, *shown, x.torque), evidence.block)
+    whole, *without = (_linear(evidence, axes, value, subset) for subset in subsets)
+    scatter = np.sqrt((len(without) - 1) * np.var(without, axis=0))
     return np.asarray(np.hypot(scatter, whole - value))
 
 
-def _linear(evidence: FaultEvidence, columns: Array, axes: Array, value: Array, rows: Mask) -> Array:
-    """Gravity (3,) [m/s2] by least squares in some rows, of the size of `value`: (3,) [m/s2] if that is not zero."""
-    x, gram, right = evidence.plain, np.zeros((len(axes), len(axes))), np.zeros(len(axes))
-    inertial = x.predicted - columns @ value
-    for j in np.flatnonzero(evidence.signed & (np.std(x.torque, axis=0) > 0)).tolist():
-        both = np.column_stack([columns[rows, j] @ axes.T, x.torque[rows, j]]) / np.std(x.torque[:, j])
-        both = _beyond_inertia(x, inertial, j, rows, both)
-        free, torque = both[:, :-1], both[:, -1]
-        along = free @ (axes @ value)
-        least = VISIBLE**2 * len(along)  # a joint that hardly shows gravity has no factor of its own
-        gain = max(float(along @ torque) + least, 0.0) / (float(along @ along) + least) if value.any() else 1.0
-        weight = 1 / max(float(np.mean((torque - gain * along) ** 2)), FLOOR**2)
-        gram, right = gram + weight * gain**2 * free.T @ free, right + weight * gain * free.T @ torque
+def _linear(evidence: FaultEvidence, axes: Array, value: Array, products: Array) -> Array:
+    """Gravity (3,) [m/s2] by least squares, of the size of `value`: (3,) [m/s2] if that is not zero.
+
+    products: (n, 6 + k, 6 + k) of the columns of `_beyond_inertia`, of torque along each of the k axes, and of torque.
+    """
+    gram, right, along = np.zeros((len(axes), len(axes))), np.zeros(len(axes)), axes @ value
+    variance = np.var(evidence.plain.torque, axis=0)
+    for j in np.flatnonzero(evidence.signed & (variance > 0)).tolist():
+        both = _beyond_inertia(products[[j]])[0] / (variance[j] * products[j, -1, -1])  # means over the rows
+        free, torque = both[:-1, :-1], both[:-1, -1]
+        shown, least = float(along @ free @ along), VISIBLE**2  # a joint that hardly shows gravity has no own factor
+        gain = max(float(along @ torque) + least, 0.0) / (shown + least) if value.any() else 1.0
+        weight = 1 / max(float(both[-1, -1] - 2 * gain * along @ torque + gain**2 * shown), FLOOR**2)
+        gram, right = gram + weight * gain**2 * free, right + weight * gain * torque
     linear = axes.T @ np.linalg.lstsq(gram, right, rcond=1e-9)[0] + value - axes.T @ (axes @ value)
     size = float(np.linalg.norm(value))
     return np.asarray(linear * (size / max(float(np.linalg.norm(linear)), 1e-300)) if size else linear)
