@@ -76,9 +76,13 @@ class GravityEstimate(Frozen):
 @lru_cache(maxsize=2)
 def gravity_columns(evidence: FaultEvidence) -> Array:
     """Torque (K, n, 3) of unit gravity along each axis of the root link [kg.m or kg]."""
+    return np.stack([_weight(evidence, axis) for axis in np.eye(3)], axis=-1)
+
+
+def _weight(evidence: FaultEvidence, gravity: Array) -> Array:
+    """Torque (K, n) [N.m or N] of gravity: (3,) [m/s2]."""
     motion = evidence.along(Correction.none(len(evidence.signed)))
-    motion = replace(motion, robot=replace(evidence.robot, model=evidence.model.bodies()))
-    return np.stack([motion.gravity_torque(axis) for axis in np.eye(3)], axis=-1)
+    return replace(motion, robot=replace(evidence.robot, model=evidence.model.bodies())).gravity_torque(gravity)
 
 
 def under_gravity(evidence: FaultEvidence, gravity: Array, columns: Array | None = None) -> FaultEvidence:
@@ -94,7 +98,12 @@ def under_gravity(evidence: FaultEvidence, gravity: Array, columns: Array | None
 def find_gravity(evidence: FaultEvidence) -> GravityEstimate | None:
     """Find another gravity than the given one."""
     informative = informative_torques(evidence.plain, evidence.signed)
-    stated, columns = np.array(evidence.model.robot.model.gravity.linear), gravity_columns(evidence)
+    stated, few = np.array(evidence.model.robot.model.gravity.linear), thinned(evidence)[0]
+    bare = stated.any() and (weights := weigh(evidence)).bare.any() and np.array_equal(weights.bare, weights.strong)
+    left, least = (nats(x, informative, FINEST) for x in (unexplained(few.plain), np.zeros(len(informative))))
+    if not bare and left - least < PROMISING:
+        return None  # nothing is left that another direction could explain
+    columns = gravity_columns(evidence)
     before, strength = evidence.plain, np.zeros((3, 3))
     for j in np.flatnonzero(evidence.signed & (np.std(before.torque, axis=0) > 0)):
         shown = STANDARD * (columns[:, j] - columns[:, j].mean(axis=0)) / np.std(before.torque[:, j])
@@ -103,7 +112,7 @@ def find_gravity(evidence: FaultEvidence) -> GravityEstimate | None:
     axes = np.asarray(directions.T[sizes >= VISIBLE**2])  # (k, 3) of gravity that show in the torque, orthonormal
     if not len(axes):
         return None
-    if stated.any() and (weights := weigh(evidence)).bare.any() and np.array_equal(weights.bare, weights.strong):
+    if bare:
         value = np.zeros(3)  # compared with the given weight as it is: a factor of zero would hide it
         load = columns @ stated
         before = before._replace(predicted=before.predicted - load, torque=before.torque - load)
@@ -161,7 +170,7 @@ class Weights(NamedTuple):
 def weigh(evidence: FaultEvidence) -> Weights:
     """Estimate the share of the weight in each joint's torque, beside inertial torque, friction, rotor and offset."""
     x, n = evidence.plain, len(evidence.signed)
-    load = gravity_columns(evidence) @ evidence.model.bodies().gravity.linear
+    load = _weight(evidence, np.array(evidence.model.bodies().gravity.linear))
     inertial, deviation = x.predicted - load, np.std(load, axis=0)
     share, strong, bare = np.zeros(n), np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
     subsets = _subsets((inertial, x.v, x.direction, x.a, load, x.torque), evidence.block)
@@ -203,8 +212,6 @@ def _best(evidence: FaultEvidence, informative: Mask, gravity: Array, columns: A
         return nats(unexplained(under_gravity(few, size * value, few_columns).plain), informative, FINEST)
 
     stated = score(gravity / size)
-    if stated - nats(np.zeros(len(informative)), informative, FINEST) < PROMISING:
-        return None  # nothing is left that another direction could explain
     corners = np.array([[x, y, z] for x in (1, -1) for y in (1, -1) for z in (1, -1)]) / np.sqrt(3)
     starts = [*np.eye(3), *-np.eye(3), *corners]
     starts += _around(gravity / size, TILT) if gravity.any() else []
