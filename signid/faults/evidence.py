@@ -113,10 +113,6 @@ class Signals(NamedTuple):
         """Signals of some rows."""
         return Signals(*(signal[rows] for signal in self))
 
-    def joint(self, joint: int) -> Signals:
-        """Signals of one joint."""
-        return Signals(*(signal[:, [joint]] for signal in self))
-
 
 @dataclass(frozen=True, eq=False)
 class FaultEvidence(Frozen):
@@ -218,47 +214,37 @@ class PassiveFit(NamedTuple):
     Only the offset may be negative.
     """
 
-    columns: Array  # (n, K, k) [N.m or N, rad/s or m/s, 1, rad/s2 or m/s2] less their means
-    torque: Array  # (n, K, T) [N.m or N] less its mean
-    value: Array  # (n, k, T) [torque per unit of the column] coefficients
+    gain: Array  # (n, T) [1] factor on the predicted torque
     unexplained: Array  # (n, T) [1] residual variance over the torque's variance
+    residual: Array  # (n, K, T) [N.m or N]
     power: Array  # (n, T) [N2.m2 or N2] variance of the torque
 
-    @property
-    def gain(self) -> Array:
-        """Factor (n, T) [1] on the predicted torque."""
-        return self.value[:, 0]
 
-    @property
-    def residual(self) -> Array:
-        """What the fit leaves (n, K, T) [N.m or N]."""
-        return np.asarray(self.torque - self.columns @ self.value)
-
-
-def passive_columns(x: Signals, predicted: bool = True, rotor: bool = True) -> Array:
-    """Columns (n, K, k) of each joint less their means: predicted torque, viscous and Coulomb friction, and a rotor."""
-    used = np.stack([x.predicted.T] * predicted + [x.v.T, x.direction.T] + [x.a.T] * rotor, axis=1)
+def passive_columns(x: Signals) -> Array:
+    """Columns (n, K, 4) of each joint less their means: predicted torque, viscous and Coulomb friction, and a rotor."""
+    used = np.stack([x.predicted.T, x.v.T, x.direction.T, x.a.T], axis=1)
     return np.asarray(used - used.mean(axis=2, keepdims=True)).swapaxes(1, 2)
 
 
-def block_products(signals: Sequence[Array], block: Indices) -> Array:
-    """Products (B, n, s + 1, s + 1) of s signals (K, n) less their means, and of one, in each block (K,)."""
+def covariances(signals: Sequence[Array], block: Indices) -> Array:
+    """Covariances (B + 1, n, s, s) of s signals (K, n), over all rows and then without each of the B blocks (K,)."""
     z = np.stack([signal.T for signal in signals], axis=1)
-    z = np.concatenate([z - z.mean(axis=2, keepdims=True), np.ones_like(z[:, :1])], axis=1)
-    return np.array([own @ own.swapaxes(1, 2) for own in (z[:, :, block == k] for k in np.unique(block))])
+    z -= z.mean(axis=2, keepdims=True)
+    blocks = [z[:, :, block == k] for k in np.unique(block)]
+    parts = ([x.shape[2] * np.ones((1, 1)) for x in blocks], [x.sum(axis=2) for x in blocks])
+    sums = [np.array(part)[..., None] for part in (*parts, [x @ x.swapaxes(1, 2) for x in blocks])]
+    rows, mean, squares = (np.concatenate([x.sum(axis=0)[None], x.sum(axis=0) - x]) for x in sums)
+    return np.asarray(squares[..., 0] / rows - mean @ mean.swapaxes(2, 3) / rows**2)
 
 
-def fit_passive(x: Signals, torque: Array | None = None, predicted: bool = True, rotor: bool = True) -> PassiveFit:
-    """Fit torques by columns of each joint: predicted torque, viscous and Coulomb friction, and a rotor.
-
-    torque: (n, K, T) [N.m or N]; None: the recorded one (T = 1). Predicted torque and rotor can be left out.
-    """
-    columns = passive_columns(x, predicted, rotor)
+def fit_passive(x: Signals, torque: Array | None = None) -> PassiveFit:
+    """Fit torques (n, K, T) [N.m or N] by `passive_columns` of each joint; None: the recorded one (T = 1)."""
+    columns = passive_columns(x)
     y = x.torque.T[:, :, None] if torque is None else torque
     y = y - y.mean(axis=1, keepdims=True)
     across, power = columns.swapaxes(1, 2), np.einsum("jkt,jkt->jt", y, y)
     value, share = fit_products(across @ columns, across @ y, power)
-    return PassiveFit(columns, y, value, share, power / y.shape[1])
+    return PassiveFit(value[:, 0], share, y - columns @ value, power / y.shape[1])
 
 
 def fit_products(gram: Array, right: Array, power: Array) -> tuple[Array, Array]:

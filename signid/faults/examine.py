@@ -360,7 +360,7 @@ def judge_standstills(evidence: FaultEvidence, parts: Sequence[Part]) -> Iterato
         still, seconds = _standstills(evidence, raw, j)
         if not evidence.signed[j] or min(still.sum(), (~still).sum()) < MIN_STANDSTILL_ROWS:
             continue
-        x, at_rest = (evidence.plain.joint(j).rows(rows) for rows in (~still, still))
+        x, at_rest = (Signals(*(signal[rows][:, [j]] for signal in evidence.plain)) for rows in (~still, still))
         gain = float(fit_passive(x).gain[0, 0])
         rest = at_rest.torque - gain * at_rest.predicted
         share = float(np.std(rest)) / max(float(np.std(x.torque)), 1e-300)

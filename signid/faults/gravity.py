@@ -17,14 +17,14 @@ import numpy as np
 
 from ..robot import with_gravity
 from ..robot.joints import gravity_text, root_link
-from ..types import Array, Frozen, Indices, Mask
+from ..types import Array, Frozen, Mask
 from .distortions import axis_words, descend, nats, thinned
 from .evidence import (
     MIN_AGREED,
     Correction,
     FaultEvidence,
     Signals,
-    block_products,
+    covariances,
     far_better,
     fit_passive,
     informative_torques,
@@ -139,9 +139,14 @@ def _judged(
     agreement = float(np.mean(np.less(blocks[1], blocks[0])))
     if agreement < MIN_AGREED:
         return None
+    # Jackknife: Efron, The Jackknife, the Bootstrap and Other Resampling Plans, SIAM, 1982, chapter 3
+    x, shown = turned.plain, np.moveaxis(columns @ axes.T, 2, 0)
+    signals = (x.predicted - columns @ value, x.v, x.direction, x.a, *shown, x.torque)
+    whole, *without = (_linear(turned, axes, value, part) for part in covariances(signals, evidence.block))
+    scatter = np.sqrt((len(without) - 1) * np.var(without, axis=0))  # of linear estimates over the blocks
     return GravityEstimate(
         value,
-        _std(turned, columns, axes, value),
+        np.hypot(scatter, whole - value),
         float(before[betters].mean()),
         float(after[betters].mean()),
         agreement,
@@ -173,10 +178,10 @@ def weigh(evidence: FaultEvidence) -> Weights:
     load = _weight(evidence, np.array(evidence.model.bodies().gravity.linear))
     inertial, deviation = x.predicted - load, np.std(load, axis=0)
     share, strong, bare = np.zeros(n), np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
-    subsets = _subsets((inertial, x.v, x.direction, x.a, load, x.torque), evidence.block)
+    moments = covariances((inertial, x.v, x.direction, x.a, load, x.torque), evidence.block)
     heavy = evidence.signed & (deviation > HEAVY * deviation.max()) & (np.std(x.torque, axis=0) > 0)
     for j in np.flatnonzero(heavy).tolist():
-        products = _beyond_inertia(subsets[:, j]) / subsets[:, j, -1:, -1:] / np.var(x.torque[:, j])
+        products = _beyond_inertia(moments[:, j]) / np.var(x.torque[:, j])
         if products[0][0, 0] >= VISIBLE**2:
             shares = np.array([gram[0, 1] / max(gram[0, 0], 1e-300) for gram in products])
             spread = float(np.sqrt((len(shares) - 2) * np.var(shares[1:])))
@@ -185,22 +190,15 @@ def weigh(evidence: FaultEvidence) -> Weights:
     return Weights(share, strong, bare)
 
 
-def _beyond_inertia(products: Array) -> Array:
-    """Products (S, k, k) of k signals of a joint after inertial torque, friction, rotor and offset.
+def _beyond_inertia(moments: Array) -> Array:
+    """Covariances (S, k, k) of k signals of a joint after inertial torque, friction and rotor.
 
-    products: (S, 5 + k, 5 + k), in S subsets of the rows, of inertial torque, friction, rotor, the k signals, and one.
+    moments: (S, 4 + k, 4 + k), in S subsets of the rows, of inertial torque, friction, rotor, and the k signals.
     """
-    beside, both = [0, 1, 2, 3, -1], slice(4, -1)
-    size = np.sqrt(np.maximum(np.diagonal(products, axis1=1, axis2=2), 1e-300))[:, beside]
-    inner = products[:, beside][:, :, beside] / (size[:, :, None] * size[:, None])
-    across = products[:, beside, both] / size[:, :, None]
-    return np.asarray(products[:, both, both] - across.swapaxes(1, 2) @ np.linalg.pinv(inner, 1e-12, True) @ across)
-
-
-def _subsets(signals: Sequence[Array], block: Indices) -> Array:
-    """Products as of `block_products` of all rows, and without each block."""
-    blocks = block_products(signals, block)
-    return np.concatenate([blocks.sum(axis=0)[None], blocks.sum(axis=0) - blocks])
+    size = np.sqrt(np.maximum(np.diagonal(moments, axis1=1, axis2=2), 1e-300))[:, :4, None]
+    inner = np.linalg.pinv(moments[:, :4, :4] / (size * size.swapaxes(1, 2)), 1e-12, True)
+    across = moments[:, :4, 4:] / size
+    return np.asarray(moments[:, 4:, 4:] - across.swapaxes(1, 2) @ inner @ across)
 
 
 def _best(evidence: FaultEvidence, informative: Mask, gravity: Array, columns: Array) -> Array | None:
@@ -238,28 +236,15 @@ def _angle(a: Array, b: Array) -> float:
     return float(np.arccos(np.clip(a @ b / size, -1.0, 1.0))) if size else np.pi * bool(a.any() or b.any())
 
 
-def _std(evidence: FaultEvidence, columns: Array, axes: Array, value: Array) -> Array:
-    """Standard deviation (3,) [m/s2] of a gravity: scatter of linear estimates over the blocks, and their difference.
-
-    Source: jackknife: Efron, The Jackknife, the Bootstrap and Other Resampling Plans, SIAM, 1982, chapter 3.
-    """
-    x = evidence.plain
-    shown = np.moveaxis(columns @ axes.T, 2, 0)
-    subsets = _subsets((x.predicted - columns @ value, x.v, x.direction, x.a, *shown, x.torque), evidence.block)
-    whole, *without = (_linear(evidence, axes, value, subset) for subset in subsets)
-    scatter = np.sqrt((len(without) - 1) * np.var(without, axis=0))
-    return np.asarray(np.hypot(scatter, whole - value))
-
-
-def _linear(evidence: FaultEvidence, axes: Array, value: Array, products: Array) -> Array:
+def _linear(evidence: FaultEvidence, axes: Array, value: Array, moments: Array) -> Array:
     """Gravity (3,) [m/s2] by least squares, of the size of `value`: (3,) [m/s2] if that is not zero.
 
-    products: (n, 6 + k, 6 + k) of the columns of `_beyond_inertia`, of torque along each of the k axes, and of torque.
+    moments: (n, 5 + k, 5 + k) of the columns of `_beyond_inertia`, of torque along each of the k axes, and of torque.
     """
     gram, right, along = np.zeros((len(axes), len(axes))), np.zeros(len(axes)), axes @ value
     variance = np.var(evidence.plain.torque, axis=0)
     for j in np.flatnonzero(evidence.signed & (variance > 0)).tolist():
-        both = _beyond_inertia(products[[j]])[0] / (variance[j] * products[j, -1, -1])  # means over the rows
+        both = _beyond_inertia(moments[[j]])[0] / variance[j]
         free, torque = both[:-1, :-1], both[:-1, -1]
         shown, least = float(along @ free @ along), VISIBLE**2  # a joint that hardly shows gravity has no own factor
         gain = max(float(along @ torque) + least, 0.0) / (shown + least) if value.any() else 1.0

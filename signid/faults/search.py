@@ -27,7 +27,7 @@ from .evidence import (
     FaultEvidence,
     Signals,
     agreement,
-    block_products,
+    covariances,
     fit_products,
     passive_columns,
     unexplained,
@@ -302,19 +302,17 @@ def judge_gains(evidence: FaultEvidence, done: Correction) -> Gains:
     factor, spread = np.full(n, np.nan), np.full(n, np.nan)
     strongest, speed = _rms(x.predicted).max(initial=0.0), _rms(x.v)
     usable = evidence.signed & (np.std(x.predicted, axis=0) >= GAIN_TORQUE * strongest) & (speed >= MOVES * speed.max())
-    products = block_products((x.predicted, x.v, x.direction, x.a, x.torque), evidence.block)
-    without_block = products.sum(axis=0) - products  # the jackknife over blocks
+    moments = covariances((x.predicted, x.v, x.direction, x.a, x.torque), evidence.block)  # jackknife over blocks
     for j in np.flatnonzero(usable).tolist():
-        rotor = not evidence.rotors[j]
-        if gain := _informative_gain(products[:, j].sum(axis=0), rotor):
-            gains = _passive_gain(without_block[:, j], rotor)[0]
-            spread[j] = np.sqrt((len(gains) - 1) * np.mean((gains - gain) ** 2)) / gain
+        gain, *gains = _gains(moments[:, j], not evidence.rotors[j]).tolist()
+        if gain:
+            spread[j] = np.sqrt((len(gains) - 1) * np.mean((np.array(gains) - gain) ** 2)) / gain
             factor[j] = gain if spread[j] <= PRECISE else np.nan
     known = np.isfinite(factor)
     if not known.any():  # gravity does not show them: that of the strongest joint, without a rotor
         size = np.where(evidence.signed, np.std(x.predicted, axis=0), 0.0)
         joint = int(np.argmax(size))
-        gain = _informative_gain(products[:, joint].sum(axis=0), rotor=False) if size[joint] else 0.0
+        gain = float(_gains(moments[:1, joint], rotor=False)[0]) if size[joint] else 0.0
         return Gains(factor, spread, gain if gain and not 1 / LONE < gain < ROTOR else 1.0, ())
     middle, least = float(np.median(factor[known])), ALL if known.sum() > 1 else LONE
     motion = evidence.along(done)
@@ -335,19 +333,17 @@ def judge_gains(evidence: FaultEvidence, done: Correction) -> Gains:
     return Gains(factor, spread, middle if common else 1.0, tuple(chosen))
 
 
-def _passive_gain(products: Array, rotor: bool, predicted: bool = True) -> tuple[Array, Array]:
-    """Gains (B,) [1] and unexplained shares (B,) [1] of one joint's torque; products (B, 6, 6): `block_products`."""
-    across = products[:, :5, 5:] @ products[:, 5:, :5]
-    centred = products[:, :5, :5] - across / np.maximum(products[:, 5:, 5:], 1.0)
-    gram = centred[:, not predicted : 3 + rotor, not predicted : 3 + rotor]
-    value, share = fit_products(gram, centred[:, not predicted : 3 + rotor, 4:], centred[:, 4, 4:])
-    return value[:, 0, 0], share[:, 0]
+def _gains(moments: Array, rotor: bool) -> Array:
+    """Gains (S,) [1] of one joint's torque in subsets of the rows, the first of all; zeros where these do not show it.
 
-
-def _informative_gain(products: Array, rotor: bool) -> float:
-    """Gain of one joint's torque, if the fit is good and far better than without the predicted torque; else 0."""
-    (gain, left), (_, without) = (_passive_gain(products[None], rotor, predicted) for predicted in (True, False))
-    return float(gain[0]) if left[0] <= FITS and without[0] >= max(MIN_RIGID_REST, RIGID * left[0]) else 0.0
+    The fit must be good, and far better than without the predicted torque. moments: (S, 5, 5) covariances of predicted
+    torque, velocity, direction, acceleration and torque.
+    """
+    used = (slice(k, 3 + rotor) for k in (0, 1))
+    fits = [fit_products(moments[:, at, at], moments[:, at, 4:], moments[:, 4, 4:]) for at in used]
+    (value, left), (_, without) = fits
+    good = left[0, 0] <= FITS and without[0, 0] >= max(MIN_RIGID_REST, RIGID * left[0, 0])
+    return np.asarray(value[:, 0, 0] * good)
 
 
 def _residual(x: Signals, known: Mask, shared: Array | None = None) -> float:
