@@ -82,6 +82,11 @@ def quantum(stretches: Sequence[Array]) -> float:
     return float(moved.min()) if len(moved) else 0.0
 
 
+def has_values(x: Array, least: int) -> bool:
+    """Whether a column (N,) [any unit] has at least so many different values; a sample of its rows may show it."""
+    return any(len(np.unique(rows)) >= least for rows in (x[:: max(1, len(x) // (8 * least))], x))
+
+
 def true_runs(mask: Mask) -> list[tuple[int, int]]:
     """Start and end (exclusive) of every run of True."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
@@ -92,15 +97,15 @@ def outliers(column: Column) -> Iterator[RecordingFault]:
     """Drop-outs to one value, or spikes: single samples that jump away and back at once."""
     x, steps = np.concatenate(column.x), [np.diff(part) for part in column.x]
     (least, share), broken = FEWEST_SPIKES[column.signal], POWERS[column.signal]
-    if column.weak or len(np.unique(x)) <= FEW_LEVELS[column.signal]:
-        return
-    low, high = np.quantile(x, [OUTER, 1 - OUTER])
-    usual = USUAL_STEPS * float(np.median(np.abs(np.concatenate(steps))))
-    far = max(JUMP_AWAY * float(high - low), usual, FLICKER * column.step, 1e-300)
     back = [np.minimum(np.abs(d[1:]), np.abs(d[:-1])) * (d[1:] * d[:-1] < 0) for d in steps]
     size = np.concatenate([np.pad(b, 1)[: len(part)] for b, part in zip(back, column.x, strict=True)])
+    usual, fewest = USUAL_STEPS * float(np.median(np.abs(np.concatenate(steps)))), max(least, share * len(x))
+    if column.weak or np.count_nonzero(size > usual) < fewest or not has_values(x, FEW_LEVELS[column.signal] + 1):
+        return
+    low, high = np.quantile(x, [OUTER, 1 - OUTER])
+    far = max(JUMP_AWAY * float(high - low), usual, FLICKER * column.step, 1e-300)
     out = x[size > far]
-    if len(out) < max(least, share * len(x)):
+    if len(out) < fewest:
         return
     values, counts = np.unique(out, return_counts=True)
     power = float(np.sum(size[size > far] ** 2)) / (len(x) * float(np.var(x)))
@@ -152,8 +157,11 @@ def stuck_position(column: Column) -> Iterator[RecordingFault]:
 
 def coarse_position(column: Column) -> Iterator[RecordingFault]:
     """A position with few values, far apart."""
-    levels, step = len(np.unique(np.concatenate(column.x))), column.step
-    if levels < LEVELS and step > COARSE_STEP.get(column.unit, np.inf):
+    x = np.concatenate(column.x)
+    if has_values(x, LEVELS):
+        return
+    levels, step = len(np.unique(x)), column.step
+    if step > COARSE_STEP.get(column.unit, np.inf):
         said = f"has only {levels} different values, {step:.3g} {column.unit} apart: speeds and small errors are lost"
         said += "; record the position with all bits of the encoder"
         yield column.fault("coarse position", WARN, said, values=float(levels), step=step)
@@ -162,9 +170,11 @@ def coarse_position(column: Column) -> Iterator[RecordingFault]:
 def few_values(column: Column) -> Iterator[RecordingFault]:
     """A torque with a handful of values."""
     x = np.concatenate(column.x)
+    if column.weak or has_values(x, MAX_TORQUE_VALUES + 1):
+        return
     values = np.unique(x)
     step = float(np.median(np.diff(values))) if len(values) > 1 else 0.0
-    if not column.weak and len(values) <= MAX_TORQUE_VALUES and step >= STEP * np.std(x):
+    if step >= STEP * np.std(x):
         said = f"has only {len(values)} different values, {step:.3g} apart"
         said += "; record it with more digits, not as a state or in coarse steps"
         yield column.fault("few torque values", WARN, said, values=float(len(values)), step=step)
@@ -173,7 +183,7 @@ def few_values(column: Column) -> Iterator[RecordingFault]:
 def clipping(column: Column) -> Iterator[RecordingFault]:
     """A torque that is clipped at its limit, or that is constant while the joint moves."""
     for t, tau, q in zip(column.t, column.x, column.beside, strict=True):
-        if not np.all(np.isfinite(tau)) or len(np.unique(tau)) < VALUES:
+        if not np.all(np.isfinite(tau)) or not has_values(tau, VALUES):
             continue
         sides = [(_clipped(side * tau, q), float(np.max(side * tau))) for side in (1.0, -1.0)[: 1 + column.signed]]
         for count, value in sides:
@@ -192,12 +202,14 @@ def clipping(column: Column) -> Iterator[RecordingFault]:
 def _clipped(y: Array, q: Array) -> int:
     """Number of samples at the largest value if it is clipped: many are there and few just below; else 0."""
     at = y >= y.max() - TINY * np.ptp(y)
+    if np.count_nonzero(at) < max(OFTEN, CLIPPED * len(y)):
+        return 0
     levels = np.unique(y)[-2:]
     band = max(BAND * np.ptp(y), 1.5 * (levels[1] - levels[0]))
     below = np.sum((y > y.max() - band) & ~at)
     runs = true_runs(at)
     moving = np.mean(np.diff(q, prepend=q[0])[at] != 0)
-    many = at.sum() >= max(OFTEN, CLIPPED * len(y), NEXT * below) and moving > 0.3
+    many = at.sum() >= NEXT * below and moving > 0.3
     return int(at.sum()) if many and len(runs) > 1 and max(b - a for a, b in runs) >= RUN else 0
 
 
@@ -252,7 +264,7 @@ def torque_columns(rows: Samples, signed: Mask, robot: Robot) -> Iterator[Column
     """Positions and torques of a recording of torque; signed: (n,) whether torque has its sign."""
     q, tau = rows.q, rows.tau
     moves = np.ptp(q, axis=0) >= MIN_RANGE_RATIO * np.ptp(q, axis=0).max()
-    moves &= [len(np.unique(x)) > PLACES for x in q.T]
+    moves &= [has_values(x, PLACES + 1) for x in q.T]
     size = np.where(np.isfinite(tau).all(axis=0), np.nan_to_num(tau).std(axis=0), 0.0)
     strong = moves & signed & (size > STRONG * size.max())
     for j, joint in enumerate(robot.joints):

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..effects.base import BodyLaw, TorqueLaw
 from ..model import Model
-from ..recording.sampling.grid import lagrange
+from ..recording.sampling.grid import POINTS, lagrange
 from ..regression.bandwidth import Decimator
 from ..regression.motion import Motion, build_motion, margin
 from ..regression.projection import leave
@@ -50,6 +50,18 @@ class Curve(Frozen):
         """Values (K, n) at t: (K,) [s] by the polynomial through the nearest samples; constant beyond the ends."""
         place = (np.clip(t, self.t[0], self.t[-1]) - self.t[0]) / (self.t[-1] - self.t[0]) * (len(self.t) - 1)
         return lagrange(self.x, place)
+
+    def near(self, t: Array, lags: Array, column: int) -> tuple[Array, Array]:
+        """Samples (K, P) of a column around the samples t: (K,) [s], and weights (L, P) of its values at t + lags.
+
+        lags: (L,) [s]. Beyond the ends the column is constant.
+        """
+        step = (self.t[-1] - self.t[0]) / (len(self.t) - 1)
+        first = int(np.floor(lags.min() / step)) - POINTS
+        offsets = np.arange(first, int(np.ceil(lags.max() / step)) + POINTS)
+        rows = np.rint((t - self.t[0]) / step).astype(int)[:, None] + offsets
+        values = self.x[:, column].take(rows, mode="clip")
+        return values, lagrange(np.eye(len(offsets)), lags / step - first)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,10 +112,6 @@ class Signals(NamedTuple):
     def rows(self, rows: Mask | Indices) -> Signals:
         """Signals of some rows."""
         return Signals(*(signal[rows] for signal in self))
-
-    def joint(self, joint: int) -> Signals:
-        """Signals of one joint."""
-        return Signals(*(signal[:, [joint]] for signal in self))
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,23 +220,43 @@ class PassiveFit(NamedTuple):
     power: Array  # (n, T) [N2.m2 or N2] variance of the torque
 
 
-def fit_passive(x: Signals, torque: Array | None = None, predicted: bool = True, rotor: bool = True) -> PassiveFit:
-    """Fit torques by columns of each joint: predicted torque, viscous and Coulomb friction, and a rotor.
+def passive_columns(x: Signals) -> Array:
+    """Columns (n, K, 4) of each joint less their means: predicted torque, viscous and Coulomb friction, and a rotor."""
+    used = np.stack([x.predicted.T, x.v.T, x.direction.T, x.a.T], axis=1)
+    return np.asarray(used - used.mean(axis=2, keepdims=True)).swapaxes(1, 2)
 
-    torque: (n, K, T) [N.m or N]; None: the recorded one (T = 1). Predicted torque and rotor can be left out.
-    """
-    used = [x.predicted] * predicted + [x.v, x.direction] + [x.a] * rotor
-    columns = np.stack([signal.T for signal in used], axis=-1)
-    columns = columns - columns.mean(axis=1, keepdims=True)
-    size = np.maximum(np.linalg.norm(columns, axis=1), 1e-150)  # its square is a number
+
+def covariances(signals: Sequence[Array], block: Indices) -> Array:
+    """Covariances (B + 1, n, s, s) of s signals (K, n), over all rows and then without each of the B blocks (K,)."""
+    z = np.stack([signal.T for signal in signals], axis=1)
+    z -= z.mean(axis=2, keepdims=True)
+    blocks = [z[:, :, block == k] for k in np.unique(block)]
+    parts = ([x.shape[2] * np.ones((1, 1)) for x in blocks], [x.sum(axis=2) for x in blocks])
+    sums = [np.array(part)[..., None] for part in (*parts, [x @ x.swapaxes(1, 2) for x in blocks])]
+    rows, mean, squares = (np.concatenate([x.sum(axis=0)[None], x.sum(axis=0) - x]) for x in sums)
+    return np.asarray(squares[..., 0] / rows - mean @ mean.swapaxes(2, 3) / rows**2)
+
+
+def fit_passive(x: Signals, torque: Array | None = None) -> PassiveFit:
+    """Fit torques (n, K, T) [N.m or N] by `passive_columns` of each joint; None: the recorded one (T = 1)."""
+    columns = passive_columns(x)
     y = x.torque.T[:, :, None] if torque is None else torque
     y = y - y.mean(axis=1, keepdims=True)
-    across = columns.swapaxes(1, 2)
-    gram = across @ columns / (size[:, :, None] * size[:, None, :])
-    value = nonnegative(gram, across @ y / size[:, :, None]) / size[:, :, None]
-    residual, power = y - columns @ value, np.sum(y**2, axis=1)
-    share = np.where(power > 0, np.sum(residual**2, axis=1) / np.where(power > 0, power, 1.0), 1.0)
-    return PassiveFit(value[:, 0], share, residual, power / y.shape[1])
+    across, power = columns.swapaxes(1, 2), np.einsum("jkt,jkt->jt", y, y)
+    value, share = fit_products(across @ columns, across @ y, power)
+    return PassiveFit(value[:, 0], share, y - columns @ value, power / y.shape[1])
+
+
+def fit_products(gram: Array, right: Array, power: Array) -> tuple[Array, Array]:
+    """Coefficients (n, k, T) and unexplained shares (n, T) [1] of passive fits, from products of columns and torques.
+
+    gram: (n, k, k), of columns; right: (n, k, T), of columns and torques; power: (n, T), squares of torques.
+    """
+    size = np.sqrt(np.maximum(np.diagonal(gram, axis1=1, axis2=2), 1e-300))[:, :, None]
+    scaled, right = gram / (size * size.swapaxes(1, 2)), right / size
+    value = nonnegative(scaled, right)
+    rest = np.maximum(power - np.sum(value * (2 * right - scaled @ value), axis=1), 0.0)
+    return value / size, np.where(power > 0, rest / np.where(power > 0, power, 1.0), 1.0)
 
 
 def nonnegative(gram: Array, right: Array) -> Array:

@@ -15,7 +15,7 @@ from ..estimation.least_squares import estimate
 from ..model import Model, stated_inertials, stated_laws
 from ..regression.session import Part, Session
 from ..robot import with_gravity
-from ..types import Array, Mask, Robot
+from ..types import Array, Mask, Robot, Samples
 from .channels import SAMPLE_KINDS, judge_samples, longest_rows, true_runs
 from .distortions import KINDS as DISTORTIONS, DistortionSearch, distortion_fault, find_distortion, nats
 from .evidence import (
@@ -302,6 +302,8 @@ def absolute_torques(evidence: FaultEvidence, parts: Sequence[Part]) -> Mask:
     predicted, torque = evidence.plain.predicted, evidence.plain.torque
     rarer = np.minimum((predicted > 0).mean(axis=0), (predicted < 0).mean(axis=0))
     sizes, plain = (np.sum((torque - p) ** 2, axis=0) for p in (np.abs(predicted), predicted))
+    if not np.any(evidence.signed & (rarer >= BOTH) & (sizes <= plain)):
+        return np.zeros_like(evidence.signed)
     raw = np.concatenate([np.nan_to_num(longest_rows(part).tau) for part in parts])
     least, most = raw.min(axis=0), raw.max(axis=0)
     never = evidence.signed & (least >= 0) & (most > 0)
@@ -353,11 +355,12 @@ def judge_standstills(evidence: FaultEvidence, parts: Sequence[Part]) -> Iterato
     A joint that rests by static friction is no fault: it holds any torque up to its breakaway friction. A joint whose
     sensor is stuck needs more or less.
     """
+    raw = [longest_rows(part) for part in parts]
     for j, joint in enumerate(evidence.robot.joints):
-        still, seconds = _standstills(evidence, parts, j)
+        still, seconds = _standstills(evidence, raw, j)
         if not evidence.signed[j] or min(still.sum(), (~still).sum()) < MIN_STANDSTILL_ROWS:
             continue
-        x, at_rest = (evidence.plain.joint(j).rows(rows) for rows in (~still, still))
+        x, at_rest = (Signals(*(signal[rows][:, [j]] for signal in evidence.plain)) for rows in (~still, still))
         gain = float(fit_passive(x).gain[0, 0])
         rest = at_rest.torque - gain * at_rest.predicted
         share = float(np.std(rest)) / max(float(np.std(x.torque)), 1e-300)
@@ -370,12 +373,11 @@ def judge_standstills(evidence: FaultEvidence, parts: Sequence[Part]) -> Iterato
             yield RecordingFault("stuck position", (joint,), REFUSE, measures, f"{fact}; {advice}")
 
 
-def _standstills(evidence: FaultEvidence, parts: Sequence[Part], joint: int) -> tuple[Mask, float]:
+def _standstills(evidence: FaultEvidence, raw: Sequence[Samples], joint: int) -> tuple[Mask, float]:
     """Mask (K,) of the rows in standstills, and the duration of the longest one [s]."""
     still, longest = np.zeros(len(evidence.q), dtype=bool), 0.0
     times, ends = evidence.moments, np.cumsum([len(t) for t in evidence.moments])
-    for part in parts:
-        rows = longest_rows(part)
+    for rows in raw:
         for a, b in true_runs(np.diff(rows.q[:, joint]) == 0):
             if (seconds := float(rows.t[b] - rows.t[a])) < LONG:
                 continue

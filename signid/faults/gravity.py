@@ -24,6 +24,7 @@ from .evidence import (
     Correction,
     FaultEvidence,
     Signals,
+    covariances,
     far_better,
     fit_passive,
     informative_torques,
@@ -75,9 +76,13 @@ class GravityEstimate(Frozen):
 @lru_cache(maxsize=2)
 def gravity_columns(evidence: FaultEvidence) -> Array:
     """Torque (K, n, 3) of unit gravity along each axis of the root link [kg.m or kg]."""
+    return np.stack([_weight(evidence, axis) for axis in np.eye(3)], axis=-1)
+
+
+def _weight(evidence: FaultEvidence, gravity: Array) -> Array:
+    """Torque (K, n) [N.m or N] of gravity: (3,) [m/s2]."""
     motion = evidence.along(Correction.none(len(evidence.signed)))
-    motion = replace(motion, robot=replace(evidence.robot, model=evidence.model.bodies()))
-    return np.stack([motion.gravity_torque(axis) for axis in np.eye(3)], axis=-1)
+    return replace(motion, robot=replace(evidence.robot, model=evidence.model.bodies())).gravity_torque(gravity)
 
 
 def under_gravity(evidence: FaultEvidence, gravity: Array, columns: Array | None = None) -> FaultEvidence:
@@ -93,7 +98,12 @@ def under_gravity(evidence: FaultEvidence, gravity: Array, columns: Array | None
 def find_gravity(evidence: FaultEvidence) -> GravityEstimate | None:
     """Find another gravity than the given one."""
     informative = informative_torques(evidence.plain, evidence.signed)
-    stated, columns = np.array(evidence.model.robot.model.gravity.linear), gravity_columns(evidence)
+    stated, few = np.array(evidence.model.robot.model.gravity.linear), thinned(evidence)[0]
+    bare = stated.any() and (weights := weigh(evidence)).bare.any() and np.array_equal(weights.bare, weights.strong)
+    left, least = (nats(x, informative, FINEST) for x in (unexplained(few.plain), np.zeros(len(informative))))
+    if not bare and left - least < PROMISING:
+        return None  # nothing is left that another direction could explain
+    columns = gravity_columns(evidence)
     before, strength = evidence.plain, np.zeros((3, 3))
     for j in np.flatnonzero(evidence.signed & (np.std(before.torque, axis=0) > 0)):
         shown = STANDARD * (columns[:, j] - columns[:, j].mean(axis=0)) / np.std(before.torque[:, j])
@@ -102,7 +112,7 @@ def find_gravity(evidence: FaultEvidence) -> GravityEstimate | None:
     axes = np.asarray(directions.T[sizes >= VISIBLE**2])  # (k, 3) of gravity that show in the torque, orthonormal
     if not len(axes):
         return None
-    if stated.any() and (weights := weigh(evidence)).bare.any() and np.array_equal(weights.bare, weights.strong):
+    if bare:
         value = np.zeros(3)  # compared with the given weight as it is: a factor of zero would hide it
         load = columns @ stated
         before = before._replace(predicted=before.predicted - load, torque=before.torque - load)
@@ -129,9 +139,14 @@ def _judged(
     agreement = float(np.mean(np.less(blocks[1], blocks[0])))
     if agreement < MIN_AGREED:
         return None
+    # Jackknife: Efron, The Jackknife, the Bootstrap and Other Resampling Plans, SIAM, 1982, chapter 3
+    x, shown = turned.plain, np.moveaxis(columns @ axes.T, 2, 0)
+    signals = (x.predicted - columns @ value, x.v, x.direction, x.a, *shown, x.torque)
+    whole, *without = (_linear(turned, axes, value, part) for part in covariances(signals, evidence.block))
+    scatter = np.sqrt((len(without) - 1) * np.var(without, axis=0))  # of linear estimates over the blocks
     return GravityEstimate(
         value,
-        _std(turned, columns, axes, value),
+        np.hypot(scatter, whole - value),
         float(before[betters].mean()),
         float(after[betters].mean()),
         agreement,
@@ -160,16 +175,13 @@ class Weights(NamedTuple):
 def weigh(evidence: FaultEvidence) -> Weights:
     """Estimate the share of the weight in each joint's torque, beside inertial torque, friction, rotor and offset."""
     x, n = evidence.plain, len(evidence.signed)
-    load = gravity_columns(evidence) @ evidence.model.bodies().gravity.linear
+    load = _weight(evidence, np.array(evidence.model.bodies().gravity.linear))
     inertial, deviation = x.predicted - load, np.std(load, axis=0)
     share, strong, bare = np.zeros(n), np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
-    subsets = [np.ones(len(evidence.q), dtype=bool), *(evidence.block != k for k in np.unique(evidence.block))]
+    moments = covariances((inertial, x.v, x.direction, x.a, load, x.torque), evidence.block)
     heavy = evidence.signed & (deviation > HEAVY * deviation.max()) & (np.std(x.torque, axis=0) > 0)
     for j in np.flatnonzero(heavy).tolist():
-        size, products = float(np.std(x.torque[:, j])), []
-        for rows in subsets:
-            both = _beyond_inertia(x, inertial, j, rows, np.column_stack([load[rows, j], x.torque[rows, j]]) / size)
-            products.append((both.T @ both) / rows.sum())
+        products = _beyond_inertia(moments[:, j]) / np.var(x.torque[:, j])
         if products[0][0, 0] >= VISIBLE**2:
             shares = np.array([gram[0, 1] / max(gram[0, 0], 1e-300) for gram in products])
             spread = float(np.sqrt((len(shares) - 2) * np.var(shares[1:])))
@@ -178,12 +190,15 @@ def weigh(evidence: FaultEvidence) -> Weights:
     return Weights(share, strong, bare)
 
 
-def _beyond_inertia(x: Signals, inertial: Array, joint: int, rows: Mask, y: Array) -> Array:
-    """Residual (M, k) of y: (M, k) [1] in some rows after inertial torque, friction, rotor and offset of a joint."""
-    signals = (inertial, x.v, x.direction, x.a)
-    beside = np.column_stack([np.ones(len(y)), *(signal[rows, joint] for signal in signals)])
-    basis = np.linalg.qr(beside / np.maximum(np.linalg.norm(beside, axis=0), 1e-300))[0]
-    return np.asarray(y - basis @ (basis.T @ y))
+def _beyond_inertia(moments: Array) -> Array:
+    """Covariances (S, k, k) of k signals of a joint after inertial torque, friction and rotor.
+
+    moments: (S, 4 + k, 4 + k), in S subsets of the rows, of inertial torque, friction, rotor, and the k signals.
+    """
+    size = np.sqrt(np.maximum(np.diagonal(moments, axis1=1, axis2=2), 1e-300))[:, :4, None]
+    inner = np.linalg.pinv(moments[:, :4, :4] / (size * size.swapaxes(1, 2)), 1e-12, True)
+    across = moments[:, :4, 4:] / size
+    return np.asarray(moments[:, 4:, 4:] - across.swapaxes(1, 2) @ inner @ across)
 
 
 def _best(evidence: FaultEvidence, informative: Mask, gravity: Array, columns: Array) -> Array | None:
@@ -195,8 +210,6 @@ def _best(evidence: FaultEvidence, informative: Mask, gravity: Array, columns: A
         return nats(unexplained(under_gravity(few, size * value, few_columns).plain), informative, FINEST)
 
     stated = score(gravity / size)
-    if stated - nats(np.zeros(len(informative)), informative, FINEST) < PROMISING:
-        return None  # nothing is left that another direction could explain
     corners = np.array([[x, y, z] for x in (1, -1) for y in (1, -1) for z in (1, -1)]) / np.sqrt(3)
     starts = [*np.eye(3), *-np.eye(3), *corners]
     starts += _around(gravity / size, TILT) if gravity.any() else []
@@ -223,31 +236,20 @@ def _angle(a: Array, b: Array) -> float:
     return float(np.arccos(np.clip(a @ b / size, -1.0, 1.0))) if size else np.pi * bool(a.any() or b.any())
 
 
-def _std(evidence: FaultEvidence, columns: Array, axes: Array, value: Array) -> Array:
-    """Standard deviation (3,) [m/s2] of a gravity: scatter of linear estimates over the blocks, and their difference.
+def _linear(evidence: FaultEvidence, axes: Array, value: Array, moments: Array) -> Array:
+    """Gravity (3,) [m/s2] by least squares, of the size of `value`: (3,) [m/s2] if that is not zero.
 
-    Source: jackknife: Efron, The Jackknife, the Bootstrap and Other Resampling Plans, SIAM, 1982, chapter 3.
+    moments: (n, 5 + k, 5 + k) of the columns of `_beyond_inertia`, of torque along each of the k axes, and of torque.
     """
-    blocks = np.unique(evidence.block)
-    whole = _linear(evidence, columns, axes, value, np.ones(len(evidence.q), dtype=bool))
-    without = np.array([_linear(evidence, columns, axes, value, evidence.block != k) for k in blocks])
-    scatter = np.sqrt((len(blocks) - 1) * np.mean((without - without.mean(axis=0)) ** 2, axis=0))
-    return np.asarray(np.hypot(scatter, whole - value))
-
-
-def _linear(evidence: FaultEvidence, columns: Array, axes: Array, value: Array, rows: Mask) -> Array:
-    """Gravity (3,) [m/s2] by least squares in some rows, of the size of `value`: (3,) [m/s2] if that is not zero."""
-    x, gram, right = evidence.plain, np.zeros((len(axes), len(axes))), np.zeros(len(axes))
-    inertial = x.predicted - columns @ value
-    for j in np.flatnonzero(evidence.signed & (np.std(x.torque, axis=0) > 0)).tolist():
-        both = np.column_stack([columns[rows, j] @ axes.T, x.torque[rows, j]]) / np.std(x.torque[:, j])
-        both = _beyond_inertia(x, inertial, j, rows, both)
-        free, torque = both[:, :-1], both[:, -1]
-        along = free @ (axes @ value)
-        least = VISIBLE**2 * len(along)  # a joint that hardly shows gravity has no factor of its own
-        gain = max(float(along @ torque) + least, 0.0) / (float(along @ along) + least) if value.any() else 1.0
-        weight = 1 / max(float(np.mean((torque - gain * along) ** 2)), FLOOR**2)
-        gram, right = gram + weight * gain**2 * free.T @ free, right + weight * gain * free.T @ torque
+    gram, right, along = np.zeros((len(axes), len(axes))), np.zeros(len(axes)), axes @ value
+    variance = np.var(evidence.plain.torque, axis=0)
+    for j in np.flatnonzero(evidence.signed & (variance > 0)).tolist():
+        both = _beyond_inertia(moments[[j]])[0] / variance[j]
+        free, torque = both[:-1, :-1], both[:-1, -1]
+        shown, least = float(along @ free @ along), VISIBLE**2  # a joint that hardly shows gravity has no own factor
+        gain = max(float(along @ torque) + least, 0.0) / (shown + least) if value.any() else 1.0
+        weight = 1 / max(float(both[-1, -1] - 2 * gain * along @ torque + gain**2 * shown), FLOOR**2)
+        gram, right = gram + weight * gain**2 * free, right + weight * gain * torque
     linear = axes.T @ np.linalg.lstsq(gram, right, rcond=1e-9)[0] + value - axes.T @ (axes @ value)
     size = float(np.linalg.norm(value))
     return np.asarray(linear * (size / max(float(np.linalg.norm(linear)), 1e-300)) if size else linear)

@@ -39,6 +39,7 @@ SPARE = 2.0  # [rows per column] smallest number of rows
 # [s] smallest delay that is flagged, and largest one for a first-order estimate. Measured on real arms: TX40 -3.0 ms;
 # UR10e, panda and EMPS within 3 standard deviations of 0. `judge_lags` finds longer delays
 MIN_FLAGGED_DELAY, MAX_LINEAR_DELAY = 0.003, 0.04
+SURELY_NONE = 0.5 * MIN_FLAGGED_DELAY  # [s] largest possible delay up to which no rows are read for it
 # [standard deviations] smallest significant delay. Measured: 6 for rokae joint sensors; 11 and more for 8 ms, simulated
 # with 2 % noise
 SIGNIFICANT = 7.0
@@ -108,7 +109,8 @@ def identification_flags(
     lacks = list(find_lacks(session.task, both, fit, base_value, stated, signed & moving))
     faults = [f for f in findings if f.severity != NOTE and f.kind != "excitation" and _holds(f, fit, lacks)]
     sentences += [f"{fault.sentence}; {NEXT}" for fault in faults]
-    delay = None if any(fault.kind == "lag" for fault in faults) else estimate_delay(session, signed & moving)
+    late = any(fault.kind == "lag" for fault in faults) or _largest_delay(rows, signed & moving) < SURELY_NONE
+    delay = None if late else estimate_delay(session, signed & moving)
     if delay is not None and delay.is_clear(_negative_viscosity(value, session.task)):
         sentences.append(delay.sentence)
     before = judge_fit(session, *both, session.task.base.combination @ stated.values)
@@ -170,6 +172,28 @@ def _holds(fault: RecordingFault, fit: Fit, lacks: Sequence[Lack]) -> bool:
     if any(x < YIELDS * (1 - claimed) for x in left):
         return False
     return fault.kind != "unexplained torque" or not all(r2[joint] >= MIN_R2 for joint in fault.joints)
+
+
+def _largest_delay(data: IdentifiedData, signed: Mask) -> float:
+    """Largest common delay [s] that a sample of training rows allows, after any fit of their torque; infinite if few.
+
+    The derivative of the recorded torque contains noise: at most that of the residual, all of it at the cut-off.
+    """
+    sample, band, sums = data.train.sample, data.session.task.band, np.zeros(2)
+    for j in np.flatnonzero(signed).tolist() if sample is not None else ():
+        kept = sample.kept[:, j]
+        columns, both = (
+            sample.of(j, data.train.columns)[kept],
+            np.stack([sample.torque[kept, j], sample.slope[kept, j]]),
+        )
+        if len(columns) < SPARE * columns.shape[1]:
+            return np.inf
+        across, size = both @ columns, np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        inverse = np.linalg.pinv(columns.T @ columns / np.outer(size, size), 1e-10, True) / np.outer(size, size)
+        rest, late, _, slope = (both @ both.T - across @ inverse @ across.T).ravel().tolist()
+        rest = max(rest, 1e-12 * float(both[0] @ both[0]), 1e-300)  # samples are rounded
+        sums += abs(late) / rest, slope / rest - (2 * np.pi * band.cutoff) ** 2
+    return float(sums[0] / sums[1]) if sums[1] > 0 else np.inf
 
 
 def estimate_delay(session: Session, signed: Mask) -> Delay | None:

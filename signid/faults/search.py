@@ -27,7 +27,9 @@ from .evidence import (
     FaultEvidence,
     Signals,
     agreement,
-    fit_passive,
+    covariances,
+    fit_products,
+    passive_columns,
     unexplained,
     unexplained_by_others,
 )
@@ -241,8 +243,18 @@ class Gains(NamedTuple):
 def lag_table(evidence: FaultEvidence, done: Correction) -> tuple[Array, Array]:
     """Candidate lags (L,) [s], and unexplained shares (L, n) [1] of the torques with each of them."""
     lags, x = np.asarray(LAG / STEPS * np.arange(-STEPS, STEPS + 1)), evidence.corrected(done)
-    late = np.stack([evidence.late(done.lag + lag)[:, list(done.tau_from)].T for lag in lags], axis=-1)
-    return lags, fit_passive(x, late * done.tau_sign[:, None, None]).unexplained.T
+    columns, middle = passive_columns(x), evidence.plain.torque.mean(axis=0)
+    right, (power, total) = np.zeros((*columns.shape[::2], len(lags))), np.zeros((2, len(columns), len(lags)))
+    ends = np.cumsum([len(t) for t in evidence.moments])[:-1]
+    for curve, t, own in zip(evidence.torques, evidence.moments, np.split(columns, ends, axis=1), strict=True):
+        for j, k in enumerate(done.tau_from):
+            near, weights = curve.near(t, done.lag[k] + lags, k)
+            near -= middle[k]
+            right[j] += done.tau_sign[j] * (own[j].T @ near) @ weights.T
+            power[j] += np.sum(weights @ (near.T @ near) * weights, axis=1)
+            total[j] += weights @ near.sum(axis=0)
+    power = np.maximum(power - total**2 / columns.shape[1], 0.0) * done.tau_sign[:, None] ** 2
+    return lags, fit_products(columns.swapaxes(1, 2) @ columns, right, power)[1].T
 
 
 def judge_lags(evidence: FaultEvidence, done: Correction, informative: Mask) -> Lags:
@@ -260,7 +272,7 @@ def judge_lags(evidence: FaultEvidence, done: Correction, informative: Mask) -> 
     together = bool(np.all(alike)) and abs(common) < EDGE * LAG
     places, late = list(done.tau_from), np.zeros_like(best)
     late[places] = best
-    changed = _rms(evidence.late(done.lag + late) - evidence.late(done.lag))[places]
+    changed = _rms(evidence.late(done.lag + late * saves.any()) - evidence.late(done.lag))[places]
     size = np.maximum(_rms(evidence.corrected(done).torque), 1e-300)
     share = np.where(saves, changed / size, 0.0)
     if together and 2 * saves.sum() >= max(1, informative.sum()):
@@ -290,18 +302,17 @@ def judge_gains(evidence: FaultEvidence, done: Correction) -> Gains:
     factor, spread = np.full(n, np.nan), np.full(n, np.nan)
     strongest, speed = _rms(x.predicted).max(initial=0.0), _rms(x.v)
     usable = evidence.signed & (np.std(x.predicted, axis=0) >= GAIN_TORQUE * strongest) & (speed >= MOVES * speed.max())
-    without_block = [evidence.block != k for k in np.unique(evidence.block)]  # the jackknife over blocks
+    moments = covariances((x.predicted, x.v, x.direction, x.a, x.torque), evidence.block)  # jackknife over blocks
     for j in np.flatnonzero(usable).tolist():
-        signals, rotor = x.joint(j), not evidence.rotors[j]
-        if gain := _informative_gain(signals, rotor):
-            gains = np.array([fit_passive(signals.rows(rows), rotor=rotor).gain[0, 0] for rows in without_block])
-            spread[j] = np.sqrt((len(without_block) - 1) * np.mean((gains - gain) ** 2)) / gain
+        gain, *gains = _gains(moments[:, j], not evidence.rotors[j]).tolist()
+        if gain:
+            spread[j] = np.sqrt((len(gains) - 1) * np.mean((np.array(gains) - gain) ** 2)) / gain
             factor[j] = gain if spread[j] <= PRECISE else np.nan
     known = np.isfinite(factor)
     if not known.any():  # gravity does not show them: that of the strongest joint, without a rotor
         size = np.where(evidence.signed, np.std(x.predicted, axis=0), 0.0)
         joint = int(np.argmax(size))
-        gain = _informative_gain(x.joint(joint), rotor=False) if size[joint] else 0.0
+        gain = float(_gains(moments[:1, joint], rotor=False)[0]) if size[joint] else 0.0
         return Gains(factor, spread, gain if gain and not 1 / LONE < gain < ROTOR else 1.0, ())
     middle, least = float(np.median(factor[known])), ALL if known.sum() > 1 else LONE
     motion = evidence.along(done)
@@ -322,11 +333,17 @@ def judge_gains(evidence: FaultEvidence, done: Correction) -> Gains:
     return Gains(factor, spread, middle if common else 1.0, tuple(chosen))
 
 
-def _informative_gain(x: Signals, rotor: bool) -> float:
-    """Gain of one joint's torque, if the fit is good and far better than without the predicted torque; else 0."""
-    fit = fit_passive(x, rotor=rotor)
-    left, without = float(fit.unexplained[0, 0]), float(fit_passive(x, None, False, rotor).unexplained[0, 0])
-    return float(fit.gain[0, 0]) if left <= FITS and without >= max(MIN_RIGID_REST, RIGID * left) else 0.0
+def _gains(moments: Array, rotor: bool) -> Array:
+    """Gains (S,) [1] of one joint's torque in subsets of the rows, the first of all; zeros where these do not show it.
+
+    The fit must be good, and far better than without the predicted torque. moments: (S, 5, 5) covariances of predicted
+    torque, velocity, direction, acceleration and torque.
+    """
+    used = (slice(k, 3 + rotor) for k in (0, 1))
+    fits = [fit_products(moments[:, at, at], moments[:, at, 4:], moments[:, 4, 4:]) for at in used]
+    (value, left), (_, without) = fits
+    good = left[0, 0] <= FITS and without[0, 0] >= max(MIN_RIGID_REST, RIGID * left[0, 0])
+    return np.asarray(value[:, 0, 0] * good)
 
 
 def _residual(x: Signals, known: Mask, shared: Array | None = None) -> float:

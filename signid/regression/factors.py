@@ -37,8 +37,6 @@ INERTIAL_DEVIATION = 0.3  # [1] plausible error of stated masses, and of moments
 MIN_GYRATION_RADIUS = 0.02  # [m] added to the radius of gyration, for bodies that are stated as points
 # [1] mean square change of base parameters, in plausible errors, from which on bodies moved too far, and share of it
 # that a law must spare. Measured: at most 0.18 for the arms above; 1.5 and 0.7 for a Baxter without its spring
-# [1] mean square change of base parameters, in plausible errors, from which on bodies moved too far, and share of it
-# that a law must spare. Measured: at most 0.18 for the arms above; 1.5 and 0.7 for a Baxter without its spring
 MAX_BODY_CHANGE, MIN_SPARED_SHARE = 1.0, 0.5
 LARGE_RESIDUAL_FLOORS = 10.0  # [noise floors] held-out rms from which on a sentence says so
 MIN_COEFFICIENT_GAIN = 0.02  # [1] share by which a law with one coefficient more must explain more, to be named first

@@ -28,6 +28,7 @@ KNOT_BLOCKS_SHARE = 0.8  # smallest share of blocks that agree
 SIGNALS = ("q", "tau", "dq", "ddq", "q_des")
 BOUND = ("q", "tau")  # signals that bound the rate
 POINTS = 6  # neighbours of an interpolated value (Lagrange). Error of a sine: 3 % of 4 samples a period, 0.05 % of 8
+SAME_OFFSET = 1e-10  # [rows] rounding error of a place
 LENGTH, PAD = 256, 12  # [knots] of one fit; beyond its ends
 EXACT = 1e-6  # [rows] distance at which instants coincide
 Read = Callable[[int, int], Samples]  # kept rows low..high of a stretch
@@ -426,11 +427,12 @@ def lagrange(y: Array, u: Array) -> Array:
     points = min(POINTS, len(y))
     first = np.clip(np.floor(u).astype(int) - points // 2 + 1, 0, len(y) - points)
     offset = u - first
+    offset = offset[:1] if np.ptp(offset) < SAME_OFFSET else offset  # evenly spaced places have the same weights
     total = np.zeros((len(u), *y.shape[1:]))
     for i in range(points):
         others = [k for k in range(points) if k != i]
         weight = np.prod([(offset - k) / (i - k) for k in others], axis=0)
-        total += (weight * y[first + i].T).T
+        total += (weight * y.take(first + i, axis=0).T).T
     return total
 
 

@@ -144,6 +144,8 @@ def _lines(x: Array, order: int) -> list[_Line]:
     """Lines in the spectrum of the activity of signals (N, c) that are there in all parts, the strongest first."""
     y = _activity(x, order)
     n = len(y)
+    if np.ptp(y) == 0:
+        return []
     power, background = _spectrum(y, n)
     whole = power.copy()
     power[: int(LOWEST * 4 * n)] = 0.0
