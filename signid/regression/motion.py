@@ -310,12 +310,12 @@ def base_rows(
     split = [int(np.searchsorted(columns, rigid)) for columns in wanted]
     inertial = [columns[:k] for columns, k in zip(wanted, split, strict=True)]
     bodies = _rigid_rows(*(sparse or (motion, thin)), inertial)
-    further = _law_rows(motion, laws, [columns[k:] - rigid for columns, k in zip(wanted, split, strict=True)])
+    further = law_rows(motion, laws, [columns[k:] - rigid for columns, k in zip(wanted, split, strict=True)])
     parts = np.split(thin(np.concatenate(further, axis=1)), _part_ends(further), axis=1)
     return [np.concatenate(pair, axis=1) for pair in zip(bodies, parts, strict=True)]
 
 
-def _law_rows(motion: Motion, laws: Sequence[Law], wanted: Sequence[Indices]) -> list[Array]:
+def law_rows(motion: Motion, laws: Sequence[Law], wanted: Sequence[Indices]) -> list[Array]:
     """Columns (N, m_j) of the laws' coefficients for each joint; coefficients are counted from 0."""
     out = [np.zeros((len(motion), len(columns))) for columns in wanted]
     at, taken = 0, [(j, i) for j, columns in enumerate(wanted) for i in range(len(columns))]
