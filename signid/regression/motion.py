@@ -30,6 +30,7 @@ from .bandwidth import DIFFERENCE_REACH, Band, Decimator, differentiate, smooth
 
 TURN_ANGLES = 2 * np.pi * np.arange(5) / 5  # [rad] angles that determine a trigonometric polynomial of degree 2
 CONSTANT_ANGLE_SPREAD = 1e-12  # [rad] spread of an angle that is constant but for rounding
+UNFILTERED = Decimator(np.ones(1), 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -306,7 +307,7 @@ def base_rows(
     The filter `thin` decimates the columns, which then are (M, m_j). The columns of bodies are computed from `sparse`,
     a decimated motion and its filter for the same rows, if there is one.
     """
-    thin, rigid = thin or Decimator(np.ones(1), 1), 10 * len(motion.robot.links)
+    thin, rigid = thin or UNFILTERED, 10 * len(motion.robot.links)
     split = [int(np.searchsorted(columns, rigid)) for columns in wanted]
     inertial = [columns[:k] for columns, k in zip(wanted, split, strict=True)]
     bodies = _rigid_rows(*(sparse or (motion, thin)), inertial)

@@ -50,13 +50,14 @@ def _rigid_slopes(motion: Motion, moving: Indices, weights: Array) -> Array:
     Spatial vectors are (6, ..., N), linear part first, in the frame of the world unless said otherwise.
     """
     model, (v, a) = motion.robot.model, motion.rates
-    owner = np.array([i for i in range(1, model.njoints) for _ in range(model.joints[i].nv)])[moving]
-    above = np.array([np.isin(owner, list(model.supports[i])) for i in range(model.njoints)])  # rows that move a body
+    joints = [i for i in range(1, model.njoints) for _ in range(model.joints[i].nv)]
+    owner = [joints[k] for k in moving]
+    above = np.array([[joint in path for joint in owner] for path in map(set, model.supports)])  # rows that move a body
     body, row = np.nonzero(above[1:] & weights.any(axis=(1, 3)))
     axes, places = np.empty((len(motion), 6, len(moving))), np.empty((len(motion), model.njoints, 4, 4))
     data = model.createData()
     for i, q in enumerate(motion.configuration):
-        axes[i] = pin.computeJointJacobians(model, data, q)[:, moving]
+        axes[i] = np.reshape(pin.computeJointJacobians(model, data, q), (6, -1))[:, moving]
         places[i] = [place.homogeneous for place in data.oMi]
     s = np.ascontiguousarray(axes.transpose(1, 2, 0))
     place = np.ascontiguousarray(places[:, body + 1].transpose(2, 3, 1, 0))
