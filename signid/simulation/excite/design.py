@@ -37,7 +37,6 @@ SCALING_STEP = 0.01  # [s] grid on which motions are scaled to their limits
 DESIGN_ALGORITHM = "LD_SLSQP"  # continues at kinks of the cost (contact, reversals), where LD_LBFGS fails
 Z_BOUND = 2.5  # [1] bound of z; a parameter alone meets a limit at 1
 EXTRA_GAP = 0.02  # [m] extra clearance, since the search uses few samples
-SMALL_ROBOT_JOINTS = 6  # joints up to which the default budget is larger
 LAST_PENALTY_FACTOR = 30.0  # [1] factor on the penalty in the last stage
 LIMIT_CHECK_STEP = 1e-3  # [s] grid on which limits are checked
 CLEARANCE_CHECK_STEP = 5e-3  # [s] grid on which distances between links are checked
@@ -61,15 +60,10 @@ class Budget:
     """Evaluations of each stage of a search."""
 
     pool: int = 60  # random motions
-    starts: int = 4  # local searches from the best of these
-    short: int = 80  # evaluations of each of them
-    long: int = 500  # evaluations of the search from the best result
-    firm: int = 150  # evaluations of the last stage, with firm limits
-
-    @classmethod
-    def usual(cls, joints: int) -> Budget:
-        """Default budget for a number of joints: about half a minute for six or seven."""
-        return cls(starts=8, long=700) if joints <= SMALL_ROBOT_JOINTS else cls()
+    starts: int = 8  # local searches from the best of these
+    short: int = 30  # evaluations of each of them
+    long: int = 250  # evaluations of the search from the best result
+    firm: int = 250  # evaluations of the last stage, with firm limits
 
     @property
     def total(self) -> int:
@@ -247,7 +241,7 @@ def excite(
     problem, notes = build_design(model, usual_laws(model, effects), family, limits, clearance, seed)
     steps = int(np.ceil(SAMPLES_PER_PERIOD * harmonics * frequency * duration))
     cost = ExcitationCost(problem, CRITERIA[criterion], family, np.linspace(0, duration, steps + 1), PENALTY, EXTRA_GAP)
-    budget = budget or Budget.usual(len(model.robot.joints))
+    budget = budget or Budget()
     if kind == RANDOM_KIND:
         fine = family.basis(np.arange(0, duration, SCALING_STEP))
         found = FoundMotion(random_parameters(fine, limits, np.random.default_rng(seed)), 1, spent=False)

@@ -47,68 +47,54 @@ def row_slopes(motion: Motion, laws: Sequence[Law], wanted: Sequence[Indices], w
 def _rigid_slopes(motion: Motion, moving: Indices, weights: Array) -> Array:
     """Derivatives (3, N, m) by the m moving rows of the model; weights (nb, 10, m, N) of bodies' inertial parameters.
 
-    Spatial vectors are (6, ..., N), linear part first, in the frame of the world unless said otherwise.
+    Motions (6, ..., N) are linear and angular velocity, forces (6, ..., N) moment and force, both about the world's
+    origin and along its axes unless said otherwise: then one cross product, and one change of axes, serves both.
     """
     model, (v, a) = motion.robot.model, motion.rates
     joints = [i for i in range(1, model.njoints) for _ in range(model.joints[i].nv)]
-    owner = [joints[k] for k in moving]
-    above = np.array([[joint in path for joint in owner] for path in map(set, model.supports)])  # rows that move a body
+    above = np.array([[joints[k] in path for k in moving] for path in map(set, model.supports)])  # rows move a body
     body, row = np.nonzero(above[1:] & weights.any(axis=(1, 3)))
     axes, places = np.empty((len(motion), 6, len(moving))), np.empty((len(motion), model.njoints, 4, 4))
     data = model.createData()
     for i, q in enumerate(motion.configuration):
         axes[i] = np.reshape(pin.computeJointJacobians(model, data, q), (6, -1))[:, moving]
         places[i] = [place.homogeneous for place in data.oMi]
-    s = np.ascontiguousarray(axes.transpose(1, 2, 0))
-    place = np.ascontiguousarray(places[:, body + 1].transpose(2, 3, 1, 0))
-    before = above[owner].astype(float)  # (m, m) rows before each, with itself
+    s, place = np.ascontiguousarray(axes.transpose(1, 2, 0)), places[:, body + 1].transpose(2, 3, 1, 0)
+    turn, shift = np.ascontiguousarray(place[:3, :3]), place[:3, 3, :, None].swapaxes(1, 2)
+    upto = above[[joints[k] for k in moving]]  # (m, m) rows before each, with itself
     own = s * v[:, moving].T
-    velocity = before @ own
+    velocity = upto.astype(float) @ own
     change = s * a[:, moving].T + _cross(velocity, own)
-    acceleration = before @ change - np.append(model.gravity.linear, np.zeros(3))[:, None, None]
-    last = np.array([np.flatnonzero(up)[-1] if up.any() else 0 for up in above])[body + 1]
+    acceleration = upto.astype(float) @ change - np.append(model.gravity.linear, np.zeros(3))[:, None, None]
 
-    turn, shift = place[:3, :3], place[:3, 3]
-    x = np.array([s[:, row], velocity[:, last], acceleration[:, last]]).swapaxes(0, 1)
-    linear, angular = x[:3] + _cross3(x[3:], shift[:, None]), x[3:]
-    x = np.concatenate([np.einsum("ba...,bc...->ac...", turn, y) for y in (linear, angular)])  # in the body's frame
+    last = np.array([max(np.flatnonzero(rows), default=0) for rows in above])[body + 1]
+    x = np.array([s[:, row], velocity[:, last], acceleration[:, last]]).swapaxes(0, 1)  # in the body's axes from here
+    parts = x[:3] + _cross3(x[3:], shift), x[3:]
+    x = np.concatenate([np.einsum("ba...,bc...->ac...", turn, part) for part in parts])
+    x = np.concatenate([x, _cross(x[:, 0], x[:, 1])[:, None]], axis=1)
+    mass, first, (xx, xy, yy, xz, yz, zz) = np.split(weights[body, :, row].swapaxes(0, 1), [1, 4])
+    turning = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    moment = _cross3(first[:, None], x[:3]) + np.einsum("ab...,bc...->ac...", turning, x[3:])
+    momenta = np.concatenate([moment, mass[:, None] * x[:3] + _cross3(x[3:], first[:, None])])
+    axial, momentum, inertial, turned = momenta.swapaxes(0, 1)
     axis, speed = x[:, 0], x[:, 1]
-    force = _momentum(weights[body, :, row].swapaxes(0, 1), np.concatenate([x, _cross(axis, speed)[:, None]], axis=1))
-    axial, momentum, inertial, turned = force.swapaxes(0, 1)
-    forces = np.array(
-        [
-            axial,
-            turned - _dual(axis, momentum) + _dual(speed, axial),
-            _dual(axis, inertial + _dual(speed, momentum)),
-        ]
-    ).swapaxes(0, 1)
-    linear, angular = (np.einsum("ab...,bc...->ac...", turn, y) for y in (forces[:3], forces[3:]))
-    forces = np.concatenate([linear, angular + _cross3(shift[:, None], linear)])
-    below = above[body + 1].T  # (m, pairs)
-    ahead = below & (before.T[row].T > 0) & (row != np.arange(len(moving))[:, None])
-    mass, rest = below.astype(float) @ forces[:, 0], below.astype(float) @ forces[:, 1]
+    rest = turned - _cross(axis, momentum) + _cross(speed, axial)
+    forces = np.array([axial, rest, _cross(axis, inertial + _cross(speed, momentum))]).swapaxes(0, 1)
+    moment, force = (np.einsum("ab...,bc...->ac...", turn, part) for part in (forces[:3], forces[3:]))
+    forces = np.concatenate([moment + _cross3(shift, force), force])
+
+    below = above[body + 1].T  # (m, pairs of a body and a row)
+    ahead = below & upto[:, row] & (row != np.arange(len(moving))[:, None])
+    carried = [part.astype(float) @ forces[:, k] for k, part in enumerate((below, below, ahead))]
     velocity, acceleration = velocity - own, acceleration - change  # of the body before
-    drag = _dual(velocity, mass)
-    place_slope = ahead.astype(float) @ forces[:, 2] + _dual(acceleration, mass) + _dual(velocity, rest - drag)
-    return np.einsum("kcmn,cmn->knm", np.array([-place_slope, rest - 2 * drag, mass]), s)
-
-
-def _momentum(inertial: Array, x: Array) -> Array:
-    """Momentum (6, c, ...) of inertial parameters (10, ...) at velocities x (6, c, ...), in the body's frame."""
-    m, h, (xx, xy, yy, xz, yz, zz) = inertial[0], inertial[1:4, None], inertial[4:]
-    linear, (a, b, c) = x[:3], x[3:]
-    turning = np.array([xx * a + xy * b + xz * c, xy * a + yy * b + yz * c, xz * a + yz * b + zz * c])
-    return np.concatenate([m * linear + _cross3(x[3:], h), _cross3(h, linear) + turning])
+    drag = _cross(velocity, carried[0])
+    by_place = -carried[2] - _cross(acceleration, carried[0]) - _cross(velocity, carried[1] - drag)
+    return np.einsum("kcmn,cmn->knm", np.array([by_place, carried[1] - 2 * drag, carried[0]]), np.roll(s, 3, axis=0))
 
 
 def _cross(x: Array, y: Array) -> Array:
-    """Change (6, ...) of motions y that move with velocity x."""
+    """Rate of change (6, ...) of y, a motion or a force (6, ...), that is carried along by a motion x (6, ...)."""
     return np.concatenate([_cross3(x[3:], y[:3]) + _cross3(x[:3], y[3:]), _cross3(x[3:], y[3:])])
-
-
-def _dual(x: Array, f: Array) -> Array:
-    """Change (6, ...) of forces f that move with velocity x."""
-    return np.concatenate([_cross3(x[3:], f[:3]), _cross3(x[3:], f[3:]) + _cross3(x[:3], f[:3])])
 
 
 def _cross3(x: Array, y: Array) -> Array:
