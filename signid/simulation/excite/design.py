@@ -414,7 +414,8 @@ class ExcitationCost(Frozen):
             self._latest.clear()
             problem, count = self.problem, len(self.t)
             states = combine_basis(self.basis, self.parameters(z))
-            motion = problem.motion(self.t, *states, slow=SLOW_SHARE * problem.limits.velocity)
+            slow = SLOW_SHARE * problem.limits.velocity
+            motion = problem.motion(self.t, states[0], states[1], states[2], slow)
             rows = problem.rows(motion)
             cost, slope = self.criterion(problem.information(rows) / count)
             (excess, by_state), (overload, by_load) = self._excess(states), self._overload(rows)

@@ -89,7 +89,8 @@ def _rigid_slopes(motion: Motion, moving: Indices, weights: Array) -> Array:
     velocity, acceleration = velocity - own, acceleration - change  # of the body before
     drag = _cross(velocity, carried[0])
     by_place = -carried[2] - _cross(acceleration, carried[0]) - _cross(velocity, carried[1] - drag)
-    return np.einsum("kcmn,cmn->knm", np.array([by_place, carried[1] - 2 * drag, carried[0]]), np.roll(s, 3, axis=0))
+    slopes = np.array([by_place, carried[1] - 2 * drag, carried[0]])
+    return np.asarray(np.einsum("kcmn,cmn->knm", slopes, np.roll(s, 3, axis=0)))
 
 
 def _cross(x: Array, y: Array) -> Array:
