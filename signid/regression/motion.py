@@ -30,6 +30,7 @@ from .bandwidth import DIFFERENCE_REACH, Band, Decimator, differentiate, smooth
 
 TURN_ANGLES = 2 * np.pi * np.arange(5) / 5  # [rad] angles that determine a trigonometric polynomial of degree 2
 CONSTANT_ANGLE_SPREAD = 1e-12  # [rad] spread of an angle that is constant but for rounding
+UNFILTERED = Decimator(np.ones(1), 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -306,16 +307,16 @@ def base_rows(
     The filter `thin` decimates the columns, which then are (M, m_j). The columns of bodies are computed from `sparse`,
     a decimated motion and its filter for the same rows, if there is one.
     """
-    thin, rigid = thin or Decimator(np.ones(1), 1), 10 * len(motion.robot.links)
+    thin, rigid = thin or UNFILTERED, 10 * len(motion.robot.links)
     split = [int(np.searchsorted(columns, rigid)) for columns in wanted]
     inertial = [columns[:k] for columns, k in zip(wanted, split, strict=True)]
     bodies = _rigid_rows(*(sparse or (motion, thin)), inertial)
-    further = _law_rows(motion, laws, [columns[k:] - rigid for columns, k in zip(wanted, split, strict=True)])
+    further = law_rows(motion, laws, [columns[k:] - rigid for columns, k in zip(wanted, split, strict=True)])
     parts = np.split(thin(np.concatenate(further, axis=1)), _part_ends(further), axis=1)
     return [np.concatenate(pair, axis=1) for pair in zip(bodies, parts, strict=True)]
 
 
-def _law_rows(motion: Motion, laws: Sequence[Law], wanted: Sequence[Indices]) -> list[Array]:
+def law_rows(motion: Motion, laws: Sequence[Law], wanted: Sequence[Indices]) -> list[Array]:
     """Columns (N, m_j) of the laws' coefficients for each joint; coefficients are counted from 0."""
     out = [np.zeros((len(motion), len(columns))) for columns in wanted]
     at, taken = 0, [(j, i) for j, columns in enumerate(wanted) for i in range(len(columns))]

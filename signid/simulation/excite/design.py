@@ -14,6 +14,7 @@ from ...effects import EFFECT_NAMES
 from ...errors import OptionError
 from ...model import ModelSource, as_model, torque_model
 from ...optimisers import OPTIMISERS, Optimum, Problem
+from ...regression.motion import Motion
 from ...typed import typed
 from ...types import Array, Frozen, Progress, Trajectory
 from .families import (
@@ -36,7 +37,6 @@ SCALING_STEP = 0.01  # [s] grid on which motions are scaled to their limits
 DESIGN_ALGORITHM = "LD_SLSQP"  # continues at kinks of the cost (contact, reversals), where LD_LBFGS fails
 Z_BOUND = 2.5  # [1] bound of z; a parameter alone meets a limit at 1
 EXTRA_GAP = 0.02  # [m] extra clearance, since the search uses few samples
-SMALL_ROBOT_JOINTS = 6  # joints up to which the default budget is larger
 LAST_PENALTY_FACTOR = 30.0  # [1] factor on the penalty in the last stage
 LIMIT_CHECK_STEP = 1e-3  # [s] grid on which limits are checked
 CLEARANCE_CHECK_STEP = 5e-3  # [s] grid on which distances between links are checked
@@ -49,7 +49,6 @@ MAX_HARMONIC_PERIODS = 500  # largest number of periods of the fastest harmonic
 SAMPLES_PER_PERIOD = 12  # samples of the search per period of the fastest harmonic
 MIN_UNFLAGGED_SCALE = 0.95  # [1] scale of the motion that keeps all limits, below which it is flagged
 PENALTY = 100.0  # [1] on the mean square excess over a limit; the criterion is the log of a standard deviation
-REGRESSOR_STEPS = np.array([1e-6, 1e-6, 1e-3])  # [rad, rad/s, rad/s2] steps of the regressor's numerical derivatives
 SLOW_SHARE = 0.03  # [1] speed over its limit below which the direction of friction is smooth, for a gradient
 MIN_EIGENVALUE_SHARE = 1e-13  # [1] smallest eigenvalue over the largest; smaller ones are zero up to rounding
 MEAN_POWER = 4  # power of the power means that smooth the extreme eigenvalues
@@ -61,15 +60,10 @@ class Budget:
     """Evaluations of each stage of a search."""
 
     pool: int = 60  # random motions
-    starts: int = 4  # local searches from the best of these
-    short: int = 80  # evaluations of each of them
-    long: int = 500  # evaluations of the search from the best result
-    firm: int = 150  # evaluations of the last stage, with firm limits
-
-    @classmethod
-    def usual(cls, joints: int) -> Budget:
-        """Default budget for a number of joints: about half a minute for six or seven."""
-        return cls(starts=8, long=700) if joints <= SMALL_ROBOT_JOINTS else cls()
+    starts: int = 8  # local searches from the best of these
+    short: int = 30  # evaluations of each of them
+    long: int = 250  # evaluations of the search from the best result
+    firm: int = 250  # evaluations of the last stage, with firm limits
 
     @property
     def total(self) -> int:
@@ -116,16 +110,15 @@ def enforce_limits(cost: ExcitationCost, x: Array, budget: Budget, progress: Pro
 
 
 class _WatchedSearch:
-    """Cost that counts evaluations, reports progress and caches the last value."""
+    """Cost that counts evaluations and reports progress."""
 
     def __init__(self, cost: ExcitationCost, budget: Budget, progress: Progress | None, before: int = 0) -> None:
         self.cost, self.budget, self.progress = cost, budget, progress
         self.count, self.before, self.stage = 0, before, "drawing"
-        self.last: tuple[bytes, float] = b"", np.inf
 
     def improve(self, z: Array, evaluations: int, stage: str) -> Optimum:
         """Best point of a local search from z (d,) [1]."""
-        box, self.stage, self.last = np.full(len(z), Z_BOUND), stage, (b"", np.inf)
+        box, self.stage = np.full(len(z), Z_BOUND), stage
         problem = Problem(self.value, -box, box, steady(z), self.slope, MOTION_SEARCH)
         return OPTIMISERS["nlopt"].minimise(problem, algorithm=DESIGN_ALGORITHM, budget_evaluations=evaluations)
 
@@ -134,13 +127,11 @@ class _WatchedSearch:
         self.count += 1
         if self.progress is not None:
             self.progress(f"{self.stage} motions", min(1.0, (self.before + self.count) / self.budget.total))
-        return self.last[1] if self.last[0] == z.tobytes() else float(steady(np.array(self.cost.value(z))))
+        return float(steady(np.array(self.cost.value(z))))
 
     def slope(self, z: Array) -> Array:
         """Gradient (d,) [1] of the cost at z (d,) [1]."""
-        value, slope = self.cost.value_and_slope(z)
-        self.last = z.tobytes(), float(steady(np.array(value)))
-        return steady(slope)
+        return steady(self.cost.value_and_slope(z)[1])
 
 
 class FeasibleMotion(NamedTuple):
@@ -250,7 +241,7 @@ def excite(
     problem, notes = build_design(model, usual_laws(model, effects), family, limits, clearance, seed)
     steps = int(np.ceil(SAMPLES_PER_PERIOD * harmonics * frequency * duration))
     cost = ExcitationCost(problem, CRITERIA[criterion], family, np.linspace(0, duration, steps + 1), PENALTY, EXTRA_GAP)
-    budget = budget or Budget.usual(len(model.robot.joints))
+    budget = budget or Budget()
     if kind == RANDOM_KIND:
         fine = family.basis(np.arange(0, duration, SCALING_STEP))
         found = FoundMotion(random_parameters(fine, limits, np.random.default_rng(seed)), 1, spent=False)
@@ -323,7 +314,7 @@ class Precision(NamedTuple):
 
 def predict_precision(problem: ExcitationProblem, trajectory: Trajectory) -> Precision:
     """Predict the precision of the base parameters from samples of a trajectory."""
-    rows = problem.rows(trajectory.t, trajectory.q, trajectory.v, trajectory.a)
+    rows = problem.rows(problem.motion(trajectory.t, trajectory.q, trajectory.v, trajectory.a))
     values, vectors = np.linalg.eigh(problem.information(rows))
     values = np.maximum(values, 1e-300)
     std = np.sqrt(np.sum(vectors**2 / values, axis=1)) / problem.size
@@ -360,6 +351,15 @@ def _spectrum(information: Array) -> tuple[Array, Array]:
     return np.maximum(values, MIN_EIGENVALUE_SHARE * max(values[-1], 1e-300)), vectors
 
 
+class _Point(NamedTuple):
+    """Cost of a motion, and what its gradient needs."""
+
+    value: float
+    motion: Motion
+    by_state: Array  # (3, N, n) gradient of the penalties that do not depend on the rows
+    weights: list[Array]  # (N, m_j) gradient by the rows of each joint
+
+
 @dataclass(frozen=True, eq=False)
 class ExcitationCost(Frozen):
     """Cost of a motion with scaled parameters z (n * d,) [1]: mean position relative to the middle, then the rest."""
@@ -384,7 +384,7 @@ class ExcitationCost(Frozen):
         return sizes
 
     @cached_property
-    def _latest(self) -> dict[bytes, tuple[float, Array]]:  # contact by positions: a search asks for value, then slope
+    def _latest(self) -> dict[bytes, _Point]:  # a search asks for the value, then for the slope
         return {}
 
     def parameters(self, z: Array) -> Array:
@@ -401,40 +401,34 @@ class ExcitationCost(Frozen):
 
     def value(self, z: Array) -> float:
         """Cost of z (n * d,) [1]."""
-        states = combine_basis(self.basis, self.parameters(z))
-        rows = self._rows(states)
-        cost = self.criterion(self.problem.information(rows) / len(self.t))[0]
-        return cost + self.penalty * (self._excess(states)[0] + self._overload(rows)[0] + self._contact(states)[0])
+        return self._at(z).value
 
     def value_and_slope(self, z: Array) -> tuple[float, Array]:
-        """Cost of z (n * d,) [1], and its gradient (n * d,) [1] by differences of the rows at every sample."""
-        n, count = self.sizes.shape[0], len(self.t)
-        states = combine_basis(self.basis, self.parameters(z))
-        near = np.repeat(states[:, None], 1 + 3 * n, axis=1)  # (3, 1 + 3 n, N, n)
-        for k in range(3):
-            for j in range(n):
-                near[k, 1 + k * n + j, :, j] += REGRESSOR_STEPS[k]
-        shifted = self._rows(near.reshape(3, -1, n))
-        rows = [x[:count] for x in shifted]
-        cost, slope = self.criterion(self.problem.information(rows) / count)
-        excess, by_state = self._excess(states)
-        overload, by_load = self._overload(rows)
-        contact, by_place = self._contact(states)
-        by_state = self.penalty * by_state
-        by_state[0] += self.penalty * by_place
-        for x, x0, seen, load in zip(shifted, rows, self.problem.base.sees, by_load, strict=True):
-            weight = 2 / count * x0 @ slope[np.ix_(seen, seen)] + self.penalty * load
-            each = x.reshape(-1, count, x.shape[1])
-            moved = np.einsum("sim,im->si", each[1:] - each[0], weight)  # differences first: no rounding of the weight
-            change = moved.reshape(3, n, count) / REGRESSOR_STEPS[:, None, None]
-            by_state += change.transpose(0, 2, 1)
-        by_parameter = np.einsum("kid,kij->jd", self.basis, by_state) * self.sizes
-        return cost + self.penalty * (excess + overload + contact), by_parameter.ravel()
+        """Cost of z (n * d,) [1], and its gradient (n * d,) [1]."""
+        value, motion, by_state, weights = self._at(z)
+        by_state = by_state + self.problem.row_slopes(motion, weights)
+        return value, (np.einsum("kid,kij->jd", self.basis, by_state) * self.sizes).ravel()
 
-    def _rows(self, states: Array) -> list[Array]:
-        """Rows of states (3, M, n), whose times repeat the samples."""
-        t = np.resize(self.t, states.shape[1])
-        return self.problem.rows(t, states[0], states[1], states[2], slow=SLOW_SHARE * self.problem.limits.velocity)
+    def _at(self, z: Array) -> _Point:
+        if (key := z.tobytes()) not in self._latest:
+            self._latest.clear()
+            problem, count = self.problem, len(self.t)
+            states = combine_basis(self.basis, self.parameters(z))
+            slow = SLOW_SHARE * problem.limits.velocity
+            motion = problem.motion(self.t, states[0], states[1], states[2], slow)
+            rows = problem.rows(motion)
+            cost, slope = self.criterion(problem.information(rows) / count)
+            (excess, by_state), (overload, by_load) = self._excess(states), self._overload(rows)
+            if problem.collision is not None:
+                contact, by_place = problem.collision.penalty(states[0], problem.clearance, self.spare)
+                excess, by_state[0] = excess + contact, by_state[0] + by_place
+            weights = [
+                2 / count * x @ slope[np.ix_(seen, seen)] + self.penalty * load
+                for x, seen, load in zip(rows, problem.base.sees, by_load, strict=True)
+            ]
+            value = cost + self.penalty * (excess + overload)
+            self._latest[key] = _Point(value, motion, self.penalty * by_state, weights)
+        return self._latest[key]
 
     def _excess(self, states: Array) -> tuple[float, Array]:
         """Mean square excess over position, velocity and acceleration limits; gradient (3, N, n)."""
@@ -454,12 +448,3 @@ class ExcitationCost(Frozen):
             scale = 2 / (problem.limits.torque[j] * problem.limits.margin) / len(self.t)
             slopes.append(np.outer(over * scale, per_row))
         return total, slopes
-
-    def _contact(self, states: Array) -> tuple[float, Array]:
-        """Mean square of the missing share of the clearance; gradient (N, n)."""
-        if self.problem.collision is None:
-            return 0.0, np.zeros(states.shape[1:])
-        if (key := states[0].tobytes()) not in self._latest:
-            self._latest.clear()
-            self._latest[key] = self.problem.collision.penalty(states[0], self.problem.clearance, self.spare)
-        return self._latest[key]

@@ -16,6 +16,7 @@ from ...regression.motion import Motion, base_rows
 from ...types import Array, BaseMap, Frozen, Indices, Law, Result, Trajectory
 from .families import Family, random_parameters
 from .limits import Collision, Limits, build_collision
+from .slopes import row_slopes
 
 DIRECTION_SPEED = 0.01  # [rad/s or m/s] speed below which the direction of motion is proportional to the velocity
 REFERENCES = 20  # random motions for reference sizes
@@ -54,15 +55,27 @@ class ExcitationProblem(Frozen):
             self.base.combination @ np.concatenate([self.model.inertials.ravel(), *map(np.array, stated)])
         )
 
-    def rows(self, t: Array, q: Array, v: Array, a: Array, slow: Array | float = DIRECTION_SPEED) -> list[Array]:
-        """Base regressor (N, m_j) of each joint, over noise and reference size [1].
+    def motion(self, t: Array, q: Array, v: Array, a: Array, slow: Array | float = DIRECTION_SPEED) -> Motion:
+        """Motion at instants t (N,) [s]: q (N, n) [rad or m], v (N, n) [rad/s or m/s], a (N, n) [rad/s2 or m/s2].
 
-        Instants are t (N,) [s], the motion q (N, n) [rad or m], v (N, n) [rad/s or m/s], a (N, n) [rad/s2 or m/s2].
         Below a speed slow (n,) [rad/s or m/s] the direction of motion is proportional to the velocity.
         """
-        motion = Motion(self.model.robot, t, q, v, a, slow=np.broadcast_to(slow, self.noise.shape))
+        return Motion(self.model.robot, t, q, v, a, slow=np.broadcast_to(slow, self.noise.shape))
+
+    def rows(self, motion: Motion) -> list[Array]:
+        """Base regressor (N, m_j) of each joint, over noise and reference size [1]."""
         found = base_rows(motion, self.laws, self.wanted)
-        return [x / (s * self.size[seen]) for x, s, seen in zip(found, self.noise, self.base.sees, strict=True)]
+        return [x / scale for x, scale in zip(found, self._scales, strict=True)]
+
+    def row_slopes(self, motion: Motion, weights: Sequence[Array]) -> Array:
+        """Derivatives (3, N, n) of the sum of weights (N, m_j) times rows by position, velocity and acceleration."""
+        scaled = [weight / scale for weight, scale in zip(weights, self._scales, strict=True)]
+        return row_slopes(motion, self.laws, self.wanted, scaled)
+
+    @cached_property
+    def _scales(self) -> list[Array]:
+        """Noise times reference size (m_j,) of each joint's columns."""
+        return [s * self.size[seen] for s, seen in zip(self.noise, self.base.sees, strict=True)]
 
     def information(self, rows: Sequence[Array]) -> Array:
         """Information (b, b) [1] of scaled base parameters, from rows (N, m_j) [1] per joint."""
@@ -107,7 +120,7 @@ def build_design(
     noise = TORQUE_NOISE_SHARE * np.where(np.isfinite(limits.torque), limits.torque, rms)
     noise = noise.astype(np.float32).astype(float)  # scales of all rows: alike for every BLAS kernel
     bare = ExcitationProblem(model, laws, base, limits, noise, np.ones(base.rank), collision, clearance, home)
-    size = np.sqrt(np.diag(bare.information(bare.rows(times, q, v, a))) / len(times))
+    size = np.sqrt(np.diag(bare.information(bare.rows(bare.motion(times, q, v, a)))) / len(times))
     return replace(bare, size=np.maximum(size.astype(np.float32), 1e-30).astype(float)), (why,) if why else ()
 
 

@@ -77,7 +77,7 @@ class LawPair(Frozen):
         """(N, n, k) columns that are fitted besides either law [N.m or N per unit of each]."""
         if not self.bodies:
             return wide_columns(self.problem.laws, motion)
-        rows = self.problem.rows(trajectory.t, trajectory.q, trajectory.v, trajectory.a)
+        rows = self.problem.rows(self.problem.motion(trajectory.t, trajectory.q, trajectory.v, trajectory.a))
         out = np.zeros((*motion.q.shape, self.problem.base.rank))
         for j, (x, seen) in enumerate(zip(rows, self.problem.base.sees, strict=True)):
             out[:, j, seen] = x * self.problem.noise[j]
