@@ -175,8 +175,8 @@ class _Start(NamedTuple):
 
     def without_misfit(self) -> _Start:
         """The same rows, for the question what an identified model lacks."""
-        dataset = replace(self.dataset, model=replace(self.dataset.model, misfit=None))
-        return self._replace(given=replace(self.given, misfit=None), dataset=dataset)
+        given, model = (replace(one, misfit=None) for one in (self.given, self.dataset.model))
+        return self._replace(given=given, dataset=replace(self.dataset, model=model))
 
 
 def _start(mounting: Mounting, skip: Sequence[str], show: Progress) -> _Start:
