@@ -14,7 +14,7 @@ from benchmarks.plants.bodies import Drives
 from benchmarks.plants.faults import Fault
 from benchmarks.plants.mujoco_ import log, simulate
 from signid.diagnose import Diagnosis
-from signid.diagnose.data.dataset import Dataset
+from signid.diagnose.data.dataset import Dataset, whitened
 from signid.diagnose.data.rows import Group
 from signid.diagnose.evidence.bayes_factors import Evidence
 from signid.diagnose.evidence.selection import Posterior, Selection
@@ -123,5 +123,6 @@ def posed(robot: str, *faults: Planted, heavier: tuple[tuple[str, float], ...] =
     """Evidence and noise that a diagnosis searches."""
     model, recordings = simulation(robot), read(robot, recorded(robot, *faults, heavier=heavier))
     session, _ = prepare_session(model, recover(prepare(model.robot, recordings)), Options(effects=()), _no_progress)
-    dataset, data = build(model, session, (), _no_progress)
+    dataset = build(model, session, (), _no_progress)
+    data = whitened(dataset.table, dataset.noise)
     return Posed(session, dataset, _posterior(model, Evidence(data), ()))

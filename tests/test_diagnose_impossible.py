@@ -138,6 +138,7 @@ def test_a_gain_that_deletes_the_torque_is_not_found() -> None:
     pytest.importorskip("mujoco", reason="MuJoCo is not installed; pip install 'signid[bench]'")
     from diagnosed import Posed, read, recorded, simulation
 
+    from signid.diagnose.data.dataset import whitened
     from signid.diagnose.evidence.bayes_factors import Evidence
     from signid.diagnose.run import _no_progress, _posterior, build, prepare_session
     from signid.diagnose.search.contributions import measure_contributions
@@ -152,7 +153,8 @@ def test_a_gain_that_deletes_the_torque_is_not_found() -> None:
     robot = simulation("3r")
     recovered = recover(prepare(robot.robot, read("3r", tuple(made))))
     session, _ = prepare_session(robot, recovered, Options(effects=()), _no_progress)
-    dataset, data = build(robot, session, (), _no_progress)
+    dataset = build(robot, session, (), _no_progress)
+    data = whitened(dataset.table, dataset.noise)
     posed = Posed(session, dataset, _posterior(robot, Evidence(data), ()))
     gain = posed.group("torque_gain", 1)
     state = posed.found(gain)

@@ -23,7 +23,7 @@ from ..signs.torque_constants import UnknownConstants
 from ..simulation.rollout import RollOut, restrict_joints, roll_out
 from ..typed import typed
 from ..types import Array, Law, Progress, Recording
-from .data.dataset import Dataset, Whitened, whitened
+from .data.dataset import Dataset, whitened
 from .data.estimated_gains import with_estimated_gains
 from .data.hypotheses import GRAVITY_EFFECT, VARIABLE_NAMES, is_transient, pooled, propose
 from .data.locate import locate
@@ -111,10 +111,11 @@ def diagnose(
     model = restrict_joints(_lasting(healthy.model), [*recordings, *held_out])[0] if healthy else given
     mounting = mount(model, *prepare_session(model, recovered, options, show), skip)
     mounting = mounting._replace(given=given, constants=recovered.gains.covariance if recovered.gains else None)
-    answer = _answer(mounting.model, mounting, skip, healthy, options.seed, show)
+    start = _start(mounting, skip, show)
+    answer = _answer(start, mounting, skip, healthy, options.seed, show)
     known, lacked = mounting.model.misfit is not None, False
     if known and answer.result.verdict in (NOTHING_MISSING, UNDECIDED) and not time_is_up(LAW_SEARCH, answer=False):
-        itself = _answer(replace(mounting.model, misfit=None), mounting, skip, healthy, options.seed, show)
+        itself = _answer(start.without_misfit(), mounting, skip, healthy, options.seed, show)
         lacked = any(finding.role == "cause" for finding in itself.result.findings)
         answer = itself if lacked else answer
     result, comparison, session, faults = answer.result, answer.comparison, mounting.session, mounting.faults
@@ -164,20 +165,40 @@ class _Answer(NamedTuple):
     flags: tuple[str, ...]
 
 
-def _answer(
-    model: Model, mounting: Mounting, skip: Sequence[str], healthy: Diagnosis | None, seed: int, show: Progress
-) -> _Answer:
-    """Search for laws that a simulation lacks, and conclude."""
-    session, gravity = mounting.session, mounting.gravity
-    given, (model, ordinary) = model, with_ordinary(model, session, skip)
+class _Start(NamedTuple):
+    """What the search for laws begins with."""
+
+    given: Model
+    dataset: Dataset  # rows under white noise
+    ordinary: tuple[Law, ...]  # laws that the description does not state
+    block: tuple[Law, ...]  # these, and gains of estimated torque constants
+
+    def without_misfit(self) -> _Start:
+        """The same rows, for the question what an identified model lacks."""
+        given, model = (replace(one, misfit=None) for one in (self.given, self.dataset.model))
+        return self._replace(given=given, dataset=replace(self.dataset, model=model))
+
+
+def _start(mounting: Mounting, skip: Sequence[str], show: Progress) -> _Start:
+    model, ordinary = with_ordinary(mounting.model, mounting.session, skip)
     model, gains = with_estimated_gains(model, mounting.constants)
     block = (*ordinary, *gains)
-    dataset, data = build_in_time(model, session, skip, show, block)
-    evidence = Evidence(data, stated_prior(model, data.groups), bool(ordinary))
-    first, posterior = dataset, _posterior(model, evidence, skip)
+    return _Start(mounting.model, build_in_time(model, mounting.session, skip, show, block), ordinary, block)
+
+
+def _answer(
+    start: _Start, mounting: Mounting, skip: Sequence[str], healthy: Diagnosis | None, seed: int, show: Progress
+) -> _Answer:
+    """Search for laws that a simulation lacks, and conclude."""
+    session, gravity, (given, first, ordinary, block) = mounting.session, mounting.gravity, start
+    model = first.model
+    if model.misfit is not None:
+        first = replace(first, noise=noise_of_misfit(first.noise, model.misfit, session.task.band))
+    data = whitened(first.table, first.noise)
+    posterior = _posterior(model, Evidence(data, stated_prior(model, data.groups), bool(ordinary)), skip)
     dataset, selection, disagreement = _search(first, posterior, skip, healthy, show)
     if negative := impossible(selection, ordinary):
-        posterior = replace(posterior, evidence=without(evidence, negative))
+        posterior = replace(posterior, evidence=without(posterior.evidence, negative))
         dataset, selection, disagreement = _search(first, posterior, skip, healthy, show)
     selection, contenders = replace_weak(dataset, prune(dataset, session, pinned(selection, ordinary)))
     contenders = limit_in_step(dataset, contenders)
@@ -346,7 +367,7 @@ def _is_clear(fault: RecordingFault) -> bool:
 
 def build_in_time(
     model: Model, session: Session, skip: Sequence[str], progress: Progress, free: Sequence[Law] = ()
-) -> tuple[Dataset, Whitened]:
+) -> Dataset:
     """Build motions and rows of all hypotheses, or of none if time is up before."""
     try:
         with steps_shown(progress, 0.2, 0.4):
@@ -357,7 +378,7 @@ def build_in_time(
 
 def build(
     model: Model, session: Session, skip: Sequence[str] | None, show: Progress, free: Sequence[Law] = ()
-) -> tuple[Dataset, Whitened]:
+) -> Dataset:
     """Build motions and rows; if `skip` is None, of the simulation's own numbers alone; laws `free` have flat priors.
 
     Raises:
@@ -378,8 +399,7 @@ def build(
     table = build_table(task, model, build_groups(model, made[0].motion, hypotheses, dry, free), made, dry)
     periods = tuple(find_period(longest_piece(part).q, 1 / part[1].period) for part in parts)
     noise = measure_noise(table, periods, task.band.rate / task.band.factor).white()
-    noise = noise if model.misfit is None else noise_of_misfit(noise, model.misfit, task.band)
-    return Dataset(task, model, made, periods, table, noise), whitened(table, noise)
+    return Dataset(task, model, made, periods, table, noise)
 
 
 def with_gravity_finding(

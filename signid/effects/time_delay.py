@@ -1,5 +1,7 @@
 """Time delay: torque is recorded late or early relative to the position."""
 
+from functools import lru_cache
+
 import numpy as np
 from scipy.interpolate import Akima1DInterpolator
 
@@ -22,9 +24,10 @@ class TimeDelay(RecordingLaw):
         """Torque shifted in time; beyond the ends of the recording it is extended by point reflection."""
         t = x.t[:, 0]
         wanted = np.clip(t - delay, 2 * t[0] - t[-1], 2 * t[-1] - t[0])
-        inside, at = np.clip(wanted, t[0], t[-1]), Akima1DInterpolator(t, x.torque)
-        beyond = (wanted != inside)[:, None]
-        return np.asarray(np.where(beyond, 2 * at(inside) - at(2 * inside - wanted), at(inside)))
+        inside, at = np.clip(wanted, t[0], t[-1]), _curve(t.tobytes(), x.torque.tobytes())
+        beyond, out = wanted != inside, at(inside).reshape(x.torque.shape)
+        out[beyond] = 2 * out[beyond] - at(2 * inside[beyond] - wanted[beyond])
+        return np.asarray(out)
 
     def acted_torque(self, x: View, delay: float) -> Array:
         return self.recorded_torque(x, -delay)
@@ -33,6 +36,12 @@ class TimeDelay(RecordingLaw):
         """Whether torque or motion is early."""
         size = f"{1e3 * abs(parameters['delay']):.1f} ms"
         return f"torque leads the motion by {size}" if parameters["delay"] < 0 else f"torque recorded {size} late"
+
+
+@lru_cache(maxsize=16)  # a delay is fitted to the same torque again and again
+def _curve(t: bytes, torque: bytes) -> Akima1DInterpolator:
+    at = np.frombuffer(t)
+    return Akima1DInterpolator(at, np.frombuffer(torque).reshape(len(at), -1))
 
 
 PLUGIN = TimeDelay()
