@@ -110,22 +110,20 @@ def _restart(grid: ServoGrid, horizon: float | None) -> int:
 
 
 class Tree(NamedTuple):
-    """Robot of A axes and n joints as a product of exponentials, about the origin of the world at zero; axis 0 rests.
+    """Robot of A axes and n joints as a product of exponentials; axis 0 is the world. Units as of Pinocchio's motions.
 
-    Source: Lynch, Park, Modern Robotics, 2017, section 4.1; Featherstone, Rigid Body Dynamics Algorithms, 2008.
+    Source: Lynch, Park, Modern Robotics, 2017, chapter 8; Featherstone, Rigid Body Dynamics Algorithms, 2008.
     """
 
     parent: Indices  # (A,) axis before
-    screw: Array  # (A, 6) speed and angular velocity [1 or m, 1]
-    cross: Array  # (A, 2, 3, 3) cross product with the angular velocity, and its square
-    shift: Array  # (A, 3, 3) speed, and these times the speed
-    body: Array  # (A, 13) mass, lever and inertia about it of the body of an axis [kg, m, kg.m2]
-    gravity: Array  # (3,) [m/s2]
+    screw: Array  # (A, 6) of the axes at zero
+    action: Array  # (A, 2, 6, 6) of a screw on motions, and its square
+    body: Array  # (A, 6, 6) inertia of the body that an axis moves, at zero
     drive: Array  # (A, n) [1] rates of the axes per rate of the joints
     rest: Array  # (A,) [rad or m]
-    place: Array  # (A, 4, 3) memory: rotation and shift from zero
-    wrench: Array  # (A, 5, 6) memory: screw, velocity, acceleration, force, momentum
-    inertia: Array  # (A, 13) memory: mass, first moment, inertia about the origin of the world
+    moved: Array  # (A, 5, 6) memory: velocity, acceleration, force, momentum, and the rate of the screw
+    back: Array  # (A, 6, 6) memory: motions of the axis before, as the axis sees them
+    inertia: Array  # (A, 6, 6) memory: of all bodies that an axis moves
 
 
 def tree_of(robot: Robot) -> Tree:
@@ -133,88 +131,24 @@ def tree_of(robot: Robot) -> Tree:
     model, data, joints = robot.model, robot.model.createData(), list(robot.model.joints)
     zero = configuration(replace(robot, rest=0 * robot.rest), np.zeros(len(robot.joints)))
     pin.computeJointJacobians(model, data, zero)
-    screw, body, parent = np.vstack([np.zeros(6), data.J.T]), np.zeros((model.nv + 1, 13)), np.arange(-1, model.nv)
+    screw, parent = np.vstack([np.zeros(6), data.J.T]), np.arange(-1, model.nv)
+    body, moved, back = np.zeros((len(screw), 6, 6)), np.zeros((len(screw), 5, 6)), np.zeros((len(screw), 6, 6))
     for joint, inertia, at, before in list(zip(joints, model.inertias, data.oMi, model.parents, strict=True))[1:]:
-        own = at.act(inertia)
-        body[joint.idx_v + joint.nv] = [own.mass, *own.lever, *own.inertia.ravel()]
+        body[joint.idx_v + joint.nv] = at.act(inertia).matrix()
         parent[joint.idx_v + 1] = joints[before].idx_v + joints[before].nv if before else 0
-    cross = np.array([[(w := pin.skew(axis)), w @ w] for axis in screw[:, 3:]])
-    shift = np.stack([screw[:, :3], *(np.einsum("aij,aj->ai", cross[:, k], screw[:, :3]) for k in range(2))], axis=1)
+    action = np.array([[(one := pin.Motion(axis).action), one @ one] for axis in screw])
+    moved[0, 1] = -model.gravity.vector
     drive, rest = np.vstack([0 * robot.drive[:1], robot.drive]), np.array([0.0, *robot.rest])
-    memory = np.zeros((len(screw), 4, 3)), np.zeros((len(screw), 5, 6)), np.zeros((len(screw), 13))
-    memory[0][0, :3] = np.eye(3)
-    return Tree(parent, screw, cross, shift, body, np.array(model.gravity.linear), drive, rest, *memory)
+    return Tree(parent, screw, action, body, drive, rest, moved, back, np.zeros_like(body))
 
 
 @LOOP
-def cross(x, y, i):  # type: ignore[no-untyped-def]
-    """Component i of the cross product of x and y, (3,) each."""
-    j, k = (i + 1) % 3, (i + 2) % 3
-    return x[j] * y[k] - x[k] * y[j]
-
-
-@LOOP
-def momentum(inertia, x, i):  # type: ignore[no-untyped-def]
-    """Component i of a spatial inertia (13,) times a motion x (6,)."""
-    lever, speed, turn, k = inertia[1:4], x[:3], x[3:], i % 3
-    if i < 3:
-        return inertia[0] * speed[k] + cross(turn, lever, k)
-    row = 4 + 3 * k
-    total = cross(lever, speed, k)
-    for j in range(3):
-        total += inertia[row + j] * turn[j]
-    return total
-
-
-@LOOP
-def move(tree, k, at):  # type: ignore[no-untyped-def]
-    """Place and motion of axis k, and inertia of its body about the world's origin; at: position, rate, its change."""
-    (angle, rate, change), before = at, tree.parent[k]
-    place, parent, wrench, inertia, body = (
-        tree.place[k],
-        tree.place[before],
-        tree.wrench[k],
-        tree.inertia[k],
-        tree.body[k],
-    )
-    sine, cosine = np.sin(angle), 1.0 - np.cos(angle)
+def act(x, y, out):  # type: ignore[no-untyped-def]
+    """Add to out (6,) the change of a motion y under a motion x; forces with their halves exchanged change alike."""
     for i in range(3):
-        place[3, i] = parent[3, i]
-        for j in range(3):
-            place[i, j] = parent[i, j]
-    for i in range(3):
-        for j in range(3):
-            shift = angle * tree.shift[k, 0, j] + cosine * tree.shift[k, 1, j] + (angle - sine) * tree.shift[k, 2, j]
-            place[3, i] += parent[i, j] * shift
-            for m in range(3):
-                place[i, m] += parent[i, j] * (sine * tree.cross[k, 0, j, m] + cosine * tree.cross[k, 1, j, m])
-    inertia[0] = body[0]
-    for i in range(3):
-        wrench[0, i], wrench[0, 3 + i], inertia[1 + i] = 0.0, 0.0, place[3, i]
-        for j in range(3):
-            wrench[0, i] += place[i, j] * tree.screw[k, j]
-            wrench[0, 3 + i] += place[i, j] * tree.screw[k, 3 + j]
-            inertia[1 + i] += place[i, j] * body[1 + j]
-    for i in range(3):
-        wrench[0, i] += cross(place[3], wrench[0, 3:], i)
-        for j in range(3):
-            total = -inertia[1 + i] * inertia[1 + j]
-            if i == j:
-                for m in range(3):
-                    total += inertia[1 + m] ** 2
-            total *= body[0]
-            for m in range(3):
-                for o in range(3):
-                    total += place[i, m] * body[4 + 3 * m + o] * place[j, o]
-            inertia[4 + 3 * i + j] = total
-    for i in range(3):
-        inertia[1 + i] *= body[0]
-    for i in range(6):
-        wrench[1, i] = tree.wrench[before, 1, i] + rate * wrench[0, i]
-    speed, turn, own, axis = wrench[1, :3], wrench[1, 3:], wrench[0, :3], wrench[0, 3:]
-    for i in range(6):
-        swing = cross(turn, own, i) + cross(speed, axis, i) if i < 3 else cross(turn, axis, i - 3)
-        wrench[2, i] = tree.wrench[before, 2, i] + change * wrench[0, i] + rate * swing
+        j, k = (i + 1) % 3, (i + 2) % 3
+        out[i] += x[3 + j] * y[k] - x[3 + k] * y[j] + x[j] * y[3 + k] - x[k] * y[3 + j]
+        out[3 + i] += x[3 + j] * y[3 + k] - x[3 + k] * y[3 + j]
 
 
 @LOOP
@@ -222,46 +156,67 @@ def rigid_bodies(tree, motion, mass, loads):  # type: ignore[no-untyped-def]
     """Mass matrix (n, n) and torque (n,) of the joints; motion: (3, n) positions, speeds and accelerations."""
     count, n = tree.drive.shape
     mass[:], loads[:] = 0.0, 0.0
-    for i in range(3):
-        tree.wrench[0, 2, i] = -tree.gravity[i]
     for k in range(1, count):
+        moved, before, back, screw = tree.moved[k], tree.moved[tree.parent[k]], tree.back[k], tree.screw[k]
         angle, rate, change = tree.rest[k], 0.0, 0.0
         for j in range(n):
-            share = tree.drive[k, j]
-            if share != 0.0:
-                angle, rate = angle + share * motion[0, j], rate + share * motion[1, j]
-                change += share * motion[2, j]
-        move(tree, k, (angle, rate, change))
-        of, velocity, force, push = tree.inertia[k], tree.wrench[k, 1], tree.wrench[k, 3], tree.wrench[k, 4]
+            angle += tree.drive[k, j] * motion[0, j]
+            rate += tree.drive[k, j] * motion[1, j]
+            change += tree.drive[k, j] * motion[2, j]
+        turns = screw[3] != 0.0 or screw[4] != 0.0 or screw[5] != 0.0
+        sine, cosine = np.sin(angle) if turns else angle, 1.0 - np.cos(angle)
         for i in range(6):
-            force[i], push[i] = momentum(of, tree.wrench[k, 2], i), momentum(of, velocity, i)
-        for i in range(3):
-            force[i] += cross(velocity[3:], push, i)
-            force[3 + i] += cross(velocity[3:], push[3:], i) + cross(velocity, push, i)
+            moved[0, i], moved[1, i], moved[4, i] = rate * screw[i], change * screw[i], rate * screw[i]
+            for j in range(6):
+                back[i, j] = (
+                    cosine * tree.action[k, 1, i, j] - sine * tree.action[k, 0, i, j] + (1.0 if i == j else 0.0)
+                )
+                moved[0, i] += back[i, j] * before[0, j]
+                moved[1, i] += back[i, j] * before[1, j]
+                tree.inertia[k, i, j] = tree.body[k, i, j]
+        act(moved[0], moved[4], moved[1])
+        for i in range(6):
+            moved[2, i], moved[3, i] = 0.0, 0.0
+            for j in range(6):
+                moved[3, i] += tree.body[k, (i + 3) % 6, j] * moved[0, j]
+        act(moved[0], moved[3], moved[2])
+        for i in range(6):
+            moved[4, i] = moved[2, (i + 3) % 6]
+            for j in range(6):
+                moved[4, i] += tree.body[k, i, j] * moved[1, j]
     for k in range(count - 1, 0, -1):
-        screw, push, parent = tree.wrench[k, 0], tree.wrench[k, 4], tree.parent[k]
-        for i in range(13):
-            tree.inertia[parent, i] += tree.inertia[k, i]
+        other, moved = k, tree.moved[k]
+        force, now, new = moved[4], moved[2], moved[3]
         torque = 0.0
         for i in range(6):
-            torque += screw[i] * tree.wrench[k, 3, i]
-            push[i] = momentum(tree.inertia[k], screw, i)
-            tree.wrench[parent, 3, i] += tree.wrench[k, 3, i]
-        other = k
-        while other > 0:
-            both = 0.0
-            for i in range(6):
-                both += push[i] * tree.wrench[other, 0, i]
-            for i in range(n):
-                if tree.drive[k, i] != 0.0:
-                    for j in range(n):
-                        part = tree.drive[k, i] * tree.drive[other, j] * both
-                        mass[i, j] += part
-                        if other != k:
-                            mass[j, i] += part
-            other = tree.parent[other]
+            torque += tree.screw[k, i] * force[i]
+            now[i] = 0.0
+            for j in range(6):
+                now[i] += tree.inertia[k, i, j] * tree.screw[k, j]
         for j in range(n):
             loads[j] += tree.drive[k, j] * torque
+        while other > 0:
+            both, parent, back = 0.0, tree.parent[other], tree.back[other]
+            for i in range(6):
+                both += tree.screw[other, i] * now[i]
+                new[i] = 0.0
+                for j in range(6):
+                    new[i] += back[j, i] * now[j]
+            for i in range(n):
+                for j in range(n if tree.drive[k, i] != 0.0 else 0):
+                    mass[i, j] += tree.drive[k, i] * tree.drive[other, j] * both
+                    mass[j, i] += tree.drive[k, i] * tree.drive[other, j] * (both if other != k else 0.0)
+            now, new, other = new, now, parent
+        parent, back = tree.parent[k], tree.back[k]
+        for i in range(6):
+            for j in range(6):
+                tree.moved[parent, 4, i] += back[j, i] * force[j]
+                now[j] = 0.0
+                for m in range(6):
+                    now[j] += back[m, i] * tree.inertia[k, m, j]
+            for j in range(6):
+                for m in range(6):
+                    tree.inertia[parent, i, j] += now[m] * back[m, j]
 
 
 @njit(cache=True, error_model="numpy")
