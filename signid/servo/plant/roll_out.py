@@ -17,7 +17,7 @@ from ...servos import Servo, ServoGrid
 from ...types import Array, Indices, Robot
 from .course import JoinedGrids, RobotCourse, bodies_of, copies_of, course, motion_of, part, single, substeps
 from .kernel import BEGIN, DEFLECTION, HALF, RELATIVE, SIDE, Starts, advance, advance_links, simulate
-from .torque import ARMATURE, GAP, LINK_ENCODER, LOOP, ZERO, actuate, new_state
+from .torque import ARMATURE, FAST, GAP, LINK_ENCODER, LOOP, ZERO, actuate, new_state
 
 
 def roll_out(
@@ -219,7 +219,7 @@ def rigid_bodies(tree, motion, mass, loads):  # type: ignore[no-untyped-def]
                     tree.inertia[parent, i, j] += now[m] * back[m, j]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath=FAST)
 def loop(tree, motion, out, drives, driven, state, restart, loose):  # type: ignore[no-untyped-def]
     """Positions out (N, n) of the closed loop, with the state set to the measured one every `restart` rows.
 
