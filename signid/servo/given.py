@@ -81,18 +81,12 @@ def given_texts(
             raise OptionError(f"the prior of {key[1]} of {key[0]} has its mean outside the bounds; move one of them")
     scale = _scale(words, given, any(name == "kp" for _, name in said))
     by_joint = {joint: {name: x for (one, name), x in given.items() if one == joint} for joint in joints}
-    masses = _masses_error([text for text in prior if text not in drives])
-    return Assumptions(groups, priors, ranges, masses if scale == "masses" else 0.0, scale, by_joint)
-
-
-def _masses_error(texts: Sequence[str]) -> float:
-    """Standard deviation of the described masses over them [1] by texts masses=1+-STD."""
-    error = MASSES_ERROR
-    for text in texts:
-        mean, error = _pair(_Entry("prior", text, "", (), text.removeprefix("masses=")), PLUS_MINUS)
-        if not (mean == 1 and 0 < error < 1):
+    masses = MASSES_ERROR
+    for text in (text for text in prior if text not in drives):
+        one, masses = _pair(_Entry("prior", text, "", (), text.removeprefix("masses=")), PLUS_MINUS)
+        if not (one == 1 and 0 < masses < 1):
             raise OptionError(f"prior is {text!r}; the described masses are 1; give masses=1+-.1 for 10 %")
-    return error
+    return Assumptions(groups, priors, ranges, masses if scale == "masses" else 0.0, scale, by_joint)
 
 
 def _scale(words: Sequence[str], given: Mapping[Name, float], gains: bool) -> str:

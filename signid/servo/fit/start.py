@@ -98,21 +98,20 @@ def _servo(law: str, kp: float, line: _Line, delay: float, most: float) -> Servo
 
 
 def _lines(grids: Sequence[ServoGrid], courses: Sequence[RobotCourse], j: int, ratios: Sequence[float]) -> list[_Line]:
-    """Best line of one joint over limits and ratios, for each delay."""
+    """Line of one joint for each delay: the best with a limit, if the limit helps, else the first one without."""
     sides = [side for grid, along in zip(grids, courses, strict=True) if (side := _side(grid, along, j)) is not None]
     if not sides:
         return [_Line(1.0, 0.0, np.zeros(COLUMNS), np.inf)] * len(DELAYS)
     x = np.concatenate([side.columns for side in sides])
     size = np.linalg.norm(x, axis=0) + 1e-12
     factors = _Factors(*np.linalg.qr(x / size), size)
-    return [_best([line for ratio in ratios for line in _limited(sides, j, delay, ratio, factors)]) for delay in DELAYS]
-
-
-def _best(lines: Sequence[_Line]) -> _Line:
-    """Best line with a limit, if the limit helps; else the first one without."""
-    free = next(line for line in lines if not np.isfinite(line.limit))
-    best = min((line for line in lines if np.isfinite(line.limit)), key=lambda line: line.squares)
-    return free if best.squares > GAIN_OF_LIMIT * free.squares else best
+    out = []
+    for delay in DELAYS:
+        lines = [line for ratio in ratios for line in _limited(sides, j, delay, ratio, factors)]
+        free = next(line for line in lines if not np.isfinite(line.limit))
+        best = min((line for line in lines if np.isfinite(line.limit)), key=lambda line: line.squares)
+        out.append(free if best.squares > GAIN_OF_LIMIT * free.squares else best)
+    return out
 
 
 def _limited(sides: Sequence[_Side], j: int, delay: float, ratio: float, factors: _Factors) -> list[_Line]:

@@ -21,7 +21,7 @@ from ..plant.course import recorded_course
 from ..plant.roll_out import roll_out_along
 from ..search.choice import SHORT_WINDOW, Candidate, Estimates, ServoProblem, ServoTrial
 from ..search.data import ServoData, position_noise
-from ..search.laws import LIMIT_RESIDUAL_RATIO, LIMIT_STEPS, largest_torques, limited
+from ..search.laws import FIRST_LIMIT_STEPS, LIMIT_RESIDUAL_RATIO, LIMIT_STEPS, PROMISING, largest_torques, limited
 from .fits import (
     HORIZON,
     Stated,
@@ -303,22 +303,16 @@ def _limits(problem: ServoProblem, servos: Mapping[str, Servo], joints: Mapping[
     start = limited(Candidate(servos, ()), start_limits(model, data.held_out, servos, top), "effort")
 
     def fitted(drives: Mapping[str, Servo], free: Sequence[tuple[str, str]], steps: int) -> ServoFit:
-        return fit_servos(
-            model,
-            data.held_out,
-            drives,
-            free,
-            window=SHORT_WINDOW,
-            relinearise=False,
-            iterations=steps,
-            scales=False,
-            coarse=True,
-        )
+        how = {"window": SHORT_WINDOW, "relinearise": False, "scales": False, "coarse": True}
+        return fit_servos(model, data.held_out, drives, free, iterations=steps, **how)
 
-    limited_servos = fitted(start.servos, [(joint, "effort_limit") for joint in joints], LIMIT_STEPS).servos
-    without, limits = (fitted(drives, (), 0).residual_rms for drives in (servos, limited_servos))  # states as measured
-    helps = dict(zip(data.joints, limits < LIMIT_RESIDUAL_RATIO * without, strict=True))
-    return {joint: limited_servos[joint].effort_limit for joint in joints if helps[joint]}
+    without = fitted(servos, (), 0).residual_rms  # states as measured
+    for steps, ratio in ((FIRST_LIMIT_STEPS, PROMISING), (LIMIT_STEPS, LIMIT_RESIDUAL_RATIO)):
+        drives = fitted(start.servos, [(joint, "effort_limit") for joint in joints], steps).servos
+        helps = dict(zip(data.joints, fitted(drives, (), 0).residual_rms < ratio * without, strict=True))
+        if not any(helps[joint] for joint in joints):
+            return {}
+    return {joint: drives[joint].effort_limit for joint in joints if helps[joint]}
 
 
 def _rms(model: Model, servos: Mapping[str, Servo], grids: Sequence[ServoGrid]) -> Array:

@@ -344,13 +344,16 @@ def _lost(
 ) -> Iterator[Lost]:
     """Numbers that are not identifiable; later ones replace earlier ones."""
     yield from _vague(free, values, std, facts)
-    if not _apart(servo, facts):
+    limited = servo.law != "duty" and facts.saturated_share >= RARE
+    known = {"kd", "viscous_friction"} & {*facts.stated, *facts.priors}
+    if not (limited or facts.torque_off or facts.command_speed or known):
         said = (
             f"{facts.joint}: {ONE_NUMBER}, the damping; torque off or at its limit while the joint "
             f"moves, or a recorded speed of the command, separates them"
         )
         yield from (Lost(name, said) for name in ("kd", "viscous_friction") if name not in facts.stated)
-    if _one_with_lag(free, values, std):
+    lag = values["lag"] if "delay" in free and "lag" in std else np.inf
+    if np.isfinite(lag) and max(MAX_DELAY_SHARE * abs(lag) / 1.96, 2.0 * std["lag"]) < std["delay"]:
         yield Lost(
             "delay",
             f"{facts.joint}: delay and damping/kp are one number here, the lag of {decimals(1e3 * values['lag'])} ms; "
@@ -377,20 +380,6 @@ def _vague(
             below = float(most) if useful else None
             limit = "" if below is None else f": it is below {decimals(below, 2)} {unit}".removesuffix(" 1")
             yield Lost(name, f"{facts.joint}: {words} is {VAGUELY}{limit}", below)
-
-
-def _apart(servo: Servo, facts: JointFacts) -> bool:
-    """Whether damping of the drive and of the joint are separate numbers."""
-    limited = servo.law != "duty" and facts.saturated_share >= RARE
-    known = {"kd", "viscous_friction"} & {*facts.stated, *facts.priors}
-    return bool(limited or facts.torque_off or facts.command_speed or known)
-
-
-def _one_with_lag(free: Sequence[str], values: Mapping[str, float], std: Mapping[str, float]) -> bool:
-    if "delay" not in free or "lag" not in std or not np.isfinite(values["lag"]):
-        return False
-    wide = 1.96 * std["delay"] > MAX_DELAY_SHARE * abs(values["lag"])
-    return bool(wide and std["lag"] < 0.5 * std["delay"])
 
 
 def _limit_sentence(facts: JointFacts) -> str:

@@ -8,7 +8,6 @@ from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, filtfilt
 
@@ -91,7 +90,9 @@ def course(robot: Robot, motion: Moved) -> RobotCourse:
     wave = np.zeros((len(robot.joints), 2))
     by_q, by_v = by.position, by.velocity
     if single(robot):
-        wave = _wave(robot)
+        at = configuration(robot, np.array([[0.0], [np.pi / 2], [np.pi], [-np.pi / 2]]))
+        weight = rigid_torque(robot, at, *np.zeros((2, 4, robot.model.nv)))[:, 0]
+        wave = np.array([[(weight[1] - weight[3]) / 2, (weight[0] - weight[2]) / 2]])
         angle = motion.q[:, 0]
         bias = bias - (wave[0, 0] * np.sin(angle) + wave[0, 1] * np.cos(angle))[:, None]
         by_q, by_v = np.zeros_like(by_q), np.zeros_like(by_v)
@@ -134,14 +135,6 @@ def motion_of(grid: ServoGrid) -> Moved:
 def single(robot: Robot) -> bool:
     """Whether a robot is one revolute joint without mimic joints: its gravity torque is a wave of q, its mass fixed."""
     return len(robot.joints) == 1 and not robot.prismatic[0] and np.count_nonzero(robot.drive) == 1
-
-
-def _wave(robot: Robot) -> Array:
-    """Coefficients (1, 2) of sin q and cos q in the gravity torque of a single joint [N.m]."""
-    data, scale = robot.model.createData(), robot.drive
-    at = configuration(robot, np.array([[0.0], [np.pi / 2], [np.pi], [-np.pi / 2]]))
-    torque = [float((pin.computeGeneralizedGravity(robot.model, data, q) @ scale)[0]) for q in at]
-    return np.array([[(torque[1] - torque[3]) / 2, (torque[0] - torque[2]) / 2]])
 
 
 def substeps(step: float, servos: Sequence[Servo], inertia: Array, finer: int = 1, longest: float = FIT_SUBSTEP) -> int:

@@ -126,7 +126,9 @@ def grids_of_arrays(
     if len(stamps) < 3:
         raise RecordingError(f"{source} has {len(stamps)} usable rows; record the robot in motion")
     period = float(np.median(np.diff(stamps)))
-    rate = min(_round(1 / period), DEFAULT_MAX_RATE) if rate is None else float(rate)
+    whole = round(1 / period)
+    near = float(whole) if abs(1 / period - whole) < 0.005 / period else float(f"{1 / period:.4g}")
+    rate = min(near, DEFAULT_MAX_RATE) if rate is None else float(rate)
     parts = _stretches(stamps, max(GAP, 5 * period), source)
     flags = tuple(bool(x) for x in have)
     gains = np.broadcast_to(np.asarray(gain, float), (n,))
@@ -208,11 +210,6 @@ def _averaged(t: Array, x: Array, edges: Array) -> Array:
     inside = _linear(t, area, edges)
     beyond = np.maximum(edges - t[-1], 0)[:, None] * (x[-1] - offset)
     return np.asarray(offset + np.diff(inside + beyond, axis=0) / np.diff(edges)[:, None])
-
-
-def _round(rate: float) -> float:
-    """Nearest whole rate if it is within 0.5 %, else three digits."""
-    return float(round(rate)) if abs(rate - round(rate)) < 0.005 * rate else float(f"{rate:.4g}")
 
 
 def _nominal(robot: Robot, joints: Sequence[str], key: str) -> Array:

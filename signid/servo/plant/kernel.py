@@ -15,6 +15,7 @@ from .torque import (
     ARMATURE,
     DUTY,
     EFFORT,
+    FAST,
     GAP,
     LINK_ENCODER,
     LOOP,
@@ -190,7 +191,7 @@ def meet(drives, c, i, mass, state, h):  # type: ignore[no-untyped-def]
                 play[IMPULSE, j] += mass[j, i] * (1.0 - share) * relative
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath=FAST)
 def constant_torque(bodies, parts):  # type: ignore[no-untyped-def]
     """Torque of the bodies (R parts, n) in the middle of each substep, without its parts along position and speed."""
     rows, n = bodies.bias.shape
@@ -290,7 +291,7 @@ def simulate(bodies: LoopBodies, drives: Drives, starts: Starts) -> tuple[Array,
     return found[0], found[1]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath=FAST)
 def simulate_copies(bodies, drives, starts, state, waves, loose):  # type: ignore[no-untyped-def]
     """As `simulate`; waves: whether `bodies` has some; loose: (C,) whether joints of a copy have backlash.
 

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from numba import njit
 
 from ...model import Model
 from ...robot import configuration
-from ...robot.dynamics import joint_inertia
-from ...robot.joints import is_plain
+from ...robot.dynamics import effective_inertia
 from ...servos import Servo, ServoGrid
-from ...types import Array, Robot
-from .course import JoinedGrids, Moved, RobotCourse, bodies_of, copies_of, course, motion_of, part, single, substeps
+from ...types import Array, Indices, Robot
+from .course import JoinedGrids, RobotCourse, bodies_of, copies_of, course, motion_of, part, single, substeps
 from .kernel import BEGIN, DEFLECTION, HALF, RELATIVE, SIDE, Starts, advance, advance_links, simulate
-from .torque import ARMATURE, GAP, LINK_ENCODER, ZERO, Drives, actuate, new_state
+from .torque import ARMATURE, FAST, GAP, LINK_ENCODER, LOOP, ZERO, actuate, new_state
 
 
 def roll_out(
@@ -48,8 +50,13 @@ def roll_out(
     if not driven:
         return grid.q.copy()
     acting = [servos[grid.joints[j]] for j in driven]
-    rows = JoinedGrids((grid,), tuple(driven), substeps(grid.step, acting, effective(robot, motion, driven)))
-    return _Loop(robot, motion, rows, rows.drives(copies_of([acting]))).run(_restart(grid, horizon))
+    inertia = effective_inertia(robot, configuration(robot, motion.q[:: max(len(motion.q) // 20, 1)])).min(axis=0)
+    rows = JoinedGrids((grid,), tuple(driven), substeps(grid.step, acting, inertia[driven]))
+    drives, state, out = rows.drives(copies_of([acting])), new_state(len(driven)), grid.q.copy()
+    state.armature[:], state.play[HALF] = drives.numbers[0, :, ARMATURE], 0.5 * drives.numbers[0, :, GAP]
+    loose = bool(np.any(drives.numbers[0, :, GAP] > 0)) or None
+    loop(tree_of(robot), np.stack(motion), out, drives, np.array(driven), state, _restart(grid, horizon), loose)
+    return out
 
 
 def roll_out_along(
@@ -102,64 +109,154 @@ def _restart(grid: ServoGrid, horizon: float | None) -> int:
     return len(grid) if horizon is None else max(int(round(horizon * grid.rate)), 1)
 
 
-def effective(robot: Robot, motion: Moved, joints: Sequence[int]) -> Array:
-    """Smallest inertia (n,) [kg.m2 or kg] that each joint feels alone, others free, over some rows of a motion."""
-    data = robot.model.createData()
-    rows = configuration(robot, motion.q[:: max(len(motion.q) // 20, 1)])
-    out = []
-    for q in rows:
-        mass = joint_inertia(robot, pin.crba(robot.model, data, q))[np.ix_(joints, joints)]
-        out.append(np.diag(mass))
-    return np.asarray(np.min(out, axis=0))
+class Tree(NamedTuple):
+    """Robot of A axes and n joints as a product of exponentials; axis 0 is the world. Units as of Pinocchio's motions.
+
+    Source: Lynch, Park, Modern Robotics, 2017, chapter 8; Featherstone, Rigid Body Dynamics Algorithms, 2008.
+    """
+
+    parent: Indices  # (A,) axis before
+    screw: Array  # (A, 6) of the axes at zero
+    action: Array  # (A, 2, 6, 6) of a screw on motions, and its square
+    body: Array  # (A, 6, 6) inertia of the body that an axis moves, at zero
+    drive: Array  # (A, n) [1] rates of the axes per rate of the joints
+    rest: Array  # (A,) [rad or m]
+    moved: Array  # (A, 5, 6) memory: velocity, acceleration, force, momentum, and the rate of the screw
+    back: Array  # (A, 6, 6) memory: motions of the axis before, as the axis sees them
+    inertia: Array  # (A, 6, 6) memory: of all bodies that an axis moves
 
 
-class _Loop:
-    """Closed loop with Pinocchio in every substep."""
+def tree_of(robot: Robot) -> Tree:
+    """Axes of the model of a robot; joints that are neither axes nor independent axes stay where they are."""
+    model, data, joints = robot.model, robot.model.createData(), list(robot.model.joints)
+    zero = configuration(replace(robot, rest=0 * robot.rest), np.zeros(len(robot.joints)))
+    pin.computeJointJacobians(model, data, zero)
+    screw, parent = np.vstack([np.zeros(6), data.J.T]), np.arange(-1, model.nv)
+    body, moved, back = np.zeros((len(screw), 6, 6)), np.zeros((len(screw), 5, 6)), np.zeros((len(screw), 6, 6))
+    for joint, inertia, at, before in list(zip(joints, model.inertias, data.oMi, model.parents, strict=True))[1:]:
+        body[joint.idx_v + joint.nv] = at.act(inertia).matrix()
+        parent[joint.idx_v + 1] = joints[before].idx_v + joints[before].nv if before else 0
+    action = np.array([[(one := pin.Motion(axis).action), one @ one] for axis in screw])
+    moved[0, 1] = -model.gravity.vector
+    drive, rest = np.vstack([0 * robot.drive[:1], robot.drive]), np.array([0.0, *robot.rest])
+    return Tree(parent, screw, action, body, drive, rest, moved, back, np.zeros_like(body))
 
-    def __init__(self, robot: Robot, motion: Moved, rows: JoinedGrids, drives: Drives) -> None:
-        self.robot, self.motion, self.driven, self.drives = robot, np.stack(motion), list(rows.joints), drives
-        self.square = np.ix_(self.driven, self.driven)
-        self.grid, self.state = rows.grids[0], new_state(len(rows.joints))
-        self.state.armature[:] = drives.numbers[0, :, ARMATURE]
-        self.state.play[HALF], self.state.play[SIDE] = 0.5 * drives.numbers[0, :, GAP], BEGIN
-        self.beyond = drives.numbers[0, :, LINK_ENCODER]
-        self.loose = bool(np.any(drives.numbers[0, :, GAP] > 0))
-        self.data = robot.model.createData()
-        self.plain = all(is_plain(joint) for joint in list(robot.model.joints)[1:])
 
-    def run(self, restart: int) -> Array:
-        """Positions (N, n), with the state set to the measured one every `restart` rows."""
-        out, q, v = self.grid.q.copy(), self.state.q, self.state.v
-        for k in range(len(out) - 1):
-            if k % restart == 0:
-                q[:], v[:] = self.motion[:2, k, self.driven]
-                self.state.play[SIDE:] = [[BEGIN], *4 * [[0.0]]]
-                out[k, self.driven] = q
-            self._row(k)
-            out[k + 1, self.driven] = q + self.beyond * self.state.play[DEFLECTION]
-        return out
+@LOOP
+def act(x, y, out):  # type: ignore[no-untyped-def]
+    """Add to out (6,) the change of a motion y under a motion x; forces with their halves exchanged change alike."""
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        out[i] += x[3 + j] * y[k] - x[3 + k] * y[j] + x[j] * y[3 + k] - x[k] * y[3 + j]
+        out[3 + i] += x[3 + j] * y[3 + k] - x[3 + k] * y[3 + j]
 
-    def _row(self, k: int) -> None:
-        """Advance a row in place."""
-        state, j, drives = self.state, self.driven, self.drives
+
+@LOOP
+def rigid_bodies(tree, motion, mass, loads):  # type: ignore[no-untyped-def]
+    """Mass matrix (n, n) and torque (n,) of the joints; motion: (3, n) positions, speeds and accelerations."""
+    count, n = tree.drive.shape
+    mass[:], loads[:] = 0.0, 0.0
+    for k in range(1, count):
+        moved, before, back, screw = tree.moved[k], tree.moved[tree.parent[k]], tree.back[k], tree.screw[k]
+        angle, rate, change = tree.rest[k], 0.0, 0.0
+        for j in range(n):
+            angle += tree.drive[k, j] * motion[0, j]
+            rate += tree.drive[k, j] * motion[1, j]
+            change += tree.drive[k, j] * motion[2, j]
+        turns = screw[3] != 0.0 or screw[4] != 0.0 or screw[5] != 0.0
+        sine, cosine = np.sin(angle) if turns else angle, 1.0 - np.cos(angle)
+        for i in range(6):
+            moved[0, i], moved[1, i], moved[4, i] = rate * screw[i], change * screw[i], rate * screw[i]
+            for j in range(6):
+                back[i, j] = (
+                    cosine * tree.action[k, 1, i, j] - sine * tree.action[k, 0, i, j] + (1.0 if i == j else 0.0)
+                )
+                moved[0, i] += back[i, j] * before[0, j]
+                moved[1, i] += back[i, j] * before[1, j]
+                tree.inertia[k, i, j] = tree.body[k, i, j]
+        act(moved[0], moved[4], moved[1])
+        for i in range(6):
+            moved[2, i], moved[3, i] = 0.0, 0.0
+            for j in range(6):
+                moved[3, i] += tree.body[k, (i + 3) % 6, j] * moved[0, j]
+        act(moved[0], moved[3], moved[2])
+        for i in range(6):
+            moved[4, i] = moved[2, (i + 3) % 6]
+            for j in range(6):
+                moved[4, i] += tree.body[k, i, j] * moved[1, j]
+    for k in range(count - 1, 0, -1):
+        other, moved = k, tree.moved[k]
+        force, now, new = moved[4], moved[2], moved[3]
+        torque = 0.0
+        for i in range(6):
+            torque += tree.screw[k, i] * force[i]
+            now[i] = 0.0
+            for j in range(6):
+                now[i] += tree.inertia[k, i, j] * tree.screw[k, j]
+        for j in range(n):
+            loads[j] += tree.drive[k, j] * torque
+        while other > 0:
+            both, parent, back = 0.0, tree.parent[other], tree.back[other]
+            for i in range(6):
+                both += tree.screw[other, i] * now[i]
+                new[i] = 0.0
+                for j in range(6):
+                    new[i] += back[j, i] * now[j]
+            for i in range(n):
+                for j in range(n if tree.drive[k, i] != 0.0 else 0):
+                    mass[i, j] += tree.drive[k, i] * tree.drive[other, j] * both
+                    mass[j, i] += tree.drive[k, i] * tree.drive[other, j] * (both if other != k else 0.0)
+            now, new, other = new, now, parent
+        parent, back = tree.parent[k], tree.back[k]
+        for i in range(6):
+            for j in range(6):
+                tree.moved[parent, 4, i] += back[j, i] * force[j]
+                now[j] = 0.0
+                for m in range(6):
+                    now[j] += back[m, i] * tree.inertia[k, m, j]
+            for j in range(6):
+                for m in range(6):
+                    tree.inertia[parent, i, j] += now[m] * back[m, j]
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
+def loop(tree, motion, out, drives, driven, state, restart, loose):  # type: ignore[no-untyped-def]
+    """Positions out (N, n) of the closed loop, with the state set to the measured one every `restart` rows.
+
+    motion: (3, N, n) of all joints; driven: (m,) columns of those with a drive; loose: None if no joint has backlash,
+    and the code for it is not compiled.
+    """
+    rows, n = motion.shape[1:]
+    q, v, m, h = state.q, state.v, len(driven), drives.step
+    now, whole, loads, mass = np.empty((3, n)), np.empty((n, n)), np.empty(n), np.empty((m, m))
+    for k in range(rows - 1):
+        if k % restart == 0:
+            state.play[SIDE], state.play[SIDE + 1 :] = BEGIN, 0.0
+            for i in range(m):
+                q[i], v[i] = motion[0, k, driven[i]], motion[1, k, driven[i]]
+                out[k, driven[i]] = q[i]
         for s in range(drives.parts):
             far = (s + 0.5) / drives.parts
-            q, v, a = (1 - far) * self.motion[:, k] + far * self.motion[:, k + 1]
-            state.half[:] = state.q + 0.5 * drives.step * state.v
-            relative = state.play[RELATIVE]
-            beyond = state.play[DEFLECTION] + 0.5 * drives.step * relative
-            state.seen[:] = state.half + self.beyond * beyond
-            q[j], v[j], a[j] = state.half + beyond - drives.numbers[0, :, ZERO], state.v + relative, 0.0
-            mass, state.loads[:] = self._dynamics(q, v, a)
+            for x in range(3):
+                for i in range(n):
+                    now[x, i] = (1 - far) * motion[x, k, i] + far * motion[x, k + 1, i]
+            for i in range(m):
+                j, number, relative = driven[i], drives.numbers[0, i], state.play[RELATIVE, i]
+                beyond = state.play[DEFLECTION, i] + 0.5 * h * relative
+                state.half[i] = q[i] + 0.5 * h * v[i]
+                state.seen[i] = state.half[i] + number[LINK_ENCODER] * beyond
+                now[0, j], now[1, j], now[2, j] = state.half[i] + beyond - number[ZERO], v[i] + relative, 0.0
+            rigid_bodies(tree, now, whole, loads)
+            for i in range(m):
+                state.loads[i] = loads[driven[i]]
+                for j in range(m):
+                    mass[i, j] = whole[driven[i], driven[j]]
             state.of[0] = 0.0
-            step = advance_links if self.loose else advance
-            step(drives, 0, k * drives.parts + s, mass, state, drives.step)
-            state.q[:] = state.half + 0.5 * drives.step * state.v
-
-    def _dynamics(self, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
-        """Mass matrix and torque of the driven joints; those that follow the recording keep its acceleration."""
-        robot, j = self.robot, self.driven
-        state = robot.drive @ q + robot.rest if self.plain else configuration(robot, q)
-        torque = pin.rnea(robot.model, self.data, state, robot.drive @ v, robot.drive @ a) @ robot.drive
-        mass = joint_inertia(robot, pin.crba(robot.model, self.data, state))
-        return np.ascontiguousarray(mass[self.square]), np.asarray(torque[j])
+            if loose is not None:
+                advance_links(drives, 0, k * drives.parts + s, mass, state, h)
+            else:
+                advance(drives, 0, k * drives.parts + s, mass, state, h)
+            for i in range(m):
+                q[i] = state.half[i] + 0.5 * h * v[i]
+        for i in range(m):
+            out[k + 1, driven[i]] = q[i] + drives.numbers[0, i, LINK_ENCODER] * state.play[DEFLECTION, i]

@@ -46,8 +46,12 @@ from ...types import Array, Indices
 ) = range(len(LOOP_NUMBERS))  # columns of the numbers of a drive and its joint, in the order of LOOP_NUMBERS
 DUTY, TORQUE_SPEED = DRIVE_LAWS.index("duty"), DRIVE_LAWS.index("torque_speed")
 # Inlined, and without counts of references: a call would copy the seventeen arrays of a state; five times as fast
-LOOP = njit(cache=True, error_model="numpy", forceinline=True, _nrt=False)  # type: ignore[call-overload]
+FAST = {"contract", "reassoc", "arcp", "nsz"}  # what may change rounding alone; values that are not finite stay so
+LOOP = njit(  # type: ignore[call-overload]
+    cache=True, error_model="numpy", fastmath=FAST, forceinline=True, _nrt=False
+)
 SWEEPS, SPEED_TOLERANCE = 60, 1e-11  # of Gauss-Seidel; largest relative change of a speed that ends it
+ROUNDS = 8  # of joints that stop or start, before that
 
 
 class Drives(NamedTuple):
@@ -175,6 +179,7 @@ class State(NamedTuple):
     right: Array  # (n,) [N.m.s or N.s] right-hand side of the equation of the speeds
     inertia: Array  # (n,) [kg.m2 or kg] that armature and damping add to the mass
     new: Array  # (n,) [rad/s or m/s] speeds if no joint starts, stops or turns
+    side: Array  # (n,) [1] sign of the speeds, 0 at rest
     factor: Array  # (n, n) [any] Cholesky factor with the inverse of its diagonal
     link: Array  # (n,) [rad or m] positions of the links in the middle of the substep
     seen: Array  # (n,) [rad or m] positions that the drives measure in the middle of the substep
@@ -184,8 +189,8 @@ class State(NamedTuple):
 
 def new_state(n: int) -> State:
     """State of n joints at rest, without a factor."""
-    one, five = np.zeros((12, n)), np.zeros((2, 5, n))
-    fields = [*one[:7], *five, *one[7:10], np.zeros((n, n)), *one[10:], np.zeros((6, n)), np.zeros(2 * n + 1)]
+    one, five = np.zeros((13, n)), np.zeros((2, 5, n))
+    fields = [*one[:7], *five, *one[7:11], np.zeros((n, n)), *one[11:], np.zeros((6, n)), np.zeros(2 * n + 1)]
     return State(*fields)
 
 
@@ -222,14 +227,14 @@ def advance_speeds(state, mass, h):  # type: ignore[no-untyped-def]
 
 @LOOP
 def factorise(state, mass):  # type: ignore[no-untyped-def]
-    """Cholesky factor of mass and inertia; joints at rest are left out.
+    """Cholesky factor of mass and inertia; joints at rest, whose side is 0, are left out.
 
     It is kept while mass, inertias and the joints that move stay the same.
     """
-    v, factor, of, inertia = state.v, state.factor, state.of, state.inertia
-    n, same = len(v), of[0] == 1.0
+    side, factor, of, inertia = state.side, state.factor, state.of, state.inertia
+    n, same = len(side), of[0] == 1.0
     for i in range(n):
-        moves = 1.0 if v[i] != 0.0 else 0.0
+        moves = 1.0 if side[i] != 0.0 else 0.0
         same = same and of[1 + i] == inertia[i] and of[1 + n + i] == moves
         of[1 + i], of[1 + n + i] = inertia[i], moves
     of[0] = 1.0
@@ -238,42 +243,51 @@ def factorise(state, mass):  # type: ignore[no-untyped-def]
     for i in range(n):
         for j in range(i + 1):
             total = 0.0
-            if v[i] != 0.0 and v[j] != 0.0:
+            if side[i] != 0.0 and side[j] != 0.0:
                 total = mass[i, j]
                 for k in range(j):
                     total -= factor[i, k] * factor[j, k]
             if i == j:
-                factor[i, i] = 1.0 / np.sqrt(total + inertia[i]) if v[i] != 0.0 else 1.0
+                factor[i, i] = 1.0 / np.sqrt(total + inertia[i]) if side[i] != 0.0 else 1.0
             else:
                 factor[i, j] = total * factor[j, j]
 
 
 @LOOP
 def slide(state, mass, h):  # type: ignore[no-untyped-def]
-    """Solve for speeds in place if no joint starts, stops or turns: whether that is so; else v is not changed."""
-    v, right, act, new, factor = state.v, state.right, state.act, state.new, state.factor
+    """Solve for speeds in place, once it is known which joints rest and how the others turn: whether it is, in time.
+
+    Joints first rest or turn as before; those for which this is wrong stop or start, and all are solved for again.
+    """
+    v, right, act, new, factor, side = state.v, state.right, state.act, state.new, state.factor, state.side
     n = len(v)
-    factorise(state, mass)
     for i in range(n):
-        total = right[i] - h * act[2, i] * np.sign(v[i]) if v[i] != 0.0 else 0.0
-        for k in range(i):
-            total -= factor[i, k] * new[k]
-        new[i] = total * factor[i, i]
-    for i in range(n - 1, -1, -1):
-        total = new[i]
-        for k in range(i + 1, n):
-            total -= factor[k, i] * new[k]
-        new[i] = total * factor[i, i]
-    for i in range(n):
-        if v[i] != 0.0:
-            if new[i] * v[i] <= 0.0:
-                return False
-        else:
+        side[i] = np.sign(v[i])
+    for _ in range(ROUNDS):
+        factorise(state, mass)
+        for i in range(n):
+            total = right[i] - h * act[2, i] * side[i] if side[i] != 0.0 else 0.0
+            for k in range(i):
+                total -= factor[i, k] * new[k]
+            new[i] = total * factor[i, i]
+        for i in range(n - 1, -1, -1):
+            total = new[i]
+            for k in range(i + 1, n):
+                total -= factor[k, i] * new[k]
+            new[i] = total * factor[i, i]
+        wrong = False
+        for i in range(n):
             rest = right[i]
+            if side[i] != 0.0:
+                if new[i] * side[i] <= 0.0 and act[2, i] > 0.0:
+                    side[i], wrong = 0.0, True
+                continue
             for k in range(n):
                 rest -= mass[i, k] * new[k]
             if abs(rest) > h * act[2, i]:
-                return False
-    for i in range(n):
-        v[i] = new[i]
-    return True
+                side[i], wrong = np.sign(rest), True
+        if not wrong:
+            for i in range(n):
+                v[i] = new[i]
+            return True
+    return False
