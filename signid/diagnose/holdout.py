@@ -13,7 +13,7 @@ from ..model import Model
 from ..regression.bandwidth import Decimator
 from ..regression.rows import Task
 from ..regression.session import Part, Session
-from ..types import Array, Robot
+from ..types import Array, Indices, Robot
 from .data.motions import Piece, pieces, reversal_uncertainty, row_filter, standstill, stated_friction
 
 if TYPE_CHECKING:
@@ -23,8 +23,13 @@ if TYPE_CHECKING:
 class ResidualRows(NamedTuple):
     """M low-passed and decimated rows of some recordings; NaN in rows that do not count."""
 
-    pieces: tuple[Piece, ...]
+    pieces: tuple[Piece, ...]  # empty where they are not kept
     thin: Decimator
+    stretch: Indices  # (M,) piece of each row
+    recording: Indices  # (M,) recording of each row
+    t: Array  # (M,) [s] from the origin of each recording
+    q: Array  # (M, n) [rad or m]
+    v: Array  # (M, n) [rad/s or m/s]
     residual: Array  # (M, n) [N.m or N] measured - predicted
     torque: Array  # (M, n) [N.m or N] measured
     reversal_std: Array  # (M, n) [N.m or N] standard deviation near velocity reversals
@@ -75,40 +80,36 @@ def compare(before: Prediction, after: Prediction, noise: Noise, floor: Array) -
 
 def course_of(before: ResidualRows, after: ResidualRows, robot: Robot) -> Course:
     """Residuals of two simulations over time, on the same recordings."""
-    motions = [piece.motion for piece in before.pieces]
-    t = np.concatenate([before.thin.at(piece.motion.t) - piece.origin for piece in before.pieces])
-    q, v = (np.concatenate([before.thin.at(getattr(m, key)) for m in motions]) for key in ("q", "v"))
-    lengths = [len(before.thin.at(motion.t)) for motion in motions]
     return Course(
         joints=robot.joints,
         unit=tuple("N" if prismatic else "N.m" for prismatic in robot.prismatic),
         prismatic=tuple(map(bool, robot.prismatic)),
-        stretch=np.repeat(np.arange(len(motions)), lengths),
-        recording=np.repeat([piece.recording for piece in before.pieces], lengths),
-        t=t,
-        q=q,
-        v=v,
-        torque=before.torque,
         before=before.residual,
         after=after.residual,
+        **{key: getattr(before, key) for key in ("stretch", "recording", "t", "q", "v", "torque")},
     )
 
 
-def residual_rows(task: Task, model: Model, parts: Sequence[Part]) -> ResidualRows:
+def residual_rows(task: Task, model: Model, parts: Sequence[Part], keep: bool = True) -> ResidualRows:
     """Residuals of a simulation; rows where a joint stands still do not count, since friction is undetermined there.
+
+    Unless `keep`, pieces, whose memory grows with the recordings at their full rate, are dropped one by one.
 
     Raises:
         RecordingError: no stretch is as long as the filter.
     """
-    thin, stretches = row_filter(task), tuple(pieces(task, model, parts))
-    if not stretches:
+    thin, dry, kept, rows = row_filter(task), stated_friction(model), list[Piece](), list[tuple[Array, ...]]()
+    for k, piece in enumerate(pieces(task, model, parts)):
+        t, q, v = (thin.at(x).copy() for x in (piece.motion.t - piece.origin, piece.motion.q, piece.motion.v))
+        which = (np.full(len(t), k), np.full(len(t), piece.recording))
+        rows.append((*which, t, q, v, *filtered(piece, thin), reversal_uncertainty(thin, [piece], dry)))
+        kept += [piece] if keep else []
+    if not rows:
         raise RecordingError(
             f"no stretch of the held-out recordings is as long as the filter for {task.band.cutoff:.3g} Hz; hold out "
             f"more with --held-out, or raise the cut-off"
         )
-    residual, torque = (np.concatenate(x) for x in zip(*(filtered(piece, thin) for piece in stretches), strict=True))
-    reversal_std = reversal_uncertainty(thin, stretches, stated_friction(model))
-    return ResidualRows(stretches, thin, residual, torque, reversal_std)
+    return ResidualRows(tuple(kept), thin, *(np.concatenate(x) for x in zip(*rows, strict=True)))
 
 
 def filtered(piece: Piece, thin: Decimator) -> tuple[Array, Array]:

@@ -37,10 +37,10 @@ def with_repaired_stamps(recording: Recording) -> Recording:
     """The recording with times in place of stamps that go back a little, or have too few digits; both noted."""
     table, (time, *_) = recording.table, recording.columns["t"]
     stamps = table.read([time], 0, table.rows)[:, 0]
-    known = np.flatnonzero(np.isfinite(stamps))
-    repeats = np.diff(stamps[known]) <= 0
-    if not repeats.any():
+    finite = np.isfinite(stamps)
+    if not (np.diff(stamps if finite.all() else stamps[finite]) <= 0).any():
         return recording
+    known = np.flatnonzero(finite)
     positions = [column for column in recording.columns["q"] if column]
     repaired = repair_stamps(stamps[known], np.array(table.read(positions, 0, table.rows)[known]))
     if repaired is None:

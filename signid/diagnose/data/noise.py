@@ -70,7 +70,7 @@ def features(table: RowTable, joint: int) -> Array:
     v = table.v[:, joint]
     turn = tuned.DIRECTION_WIDTH * max(float(np.sqrt(np.mean(v**2))), 1e-12)
     state = [table.q[:, joint], v, table.predicted[:, joint]]
-    x = np.column_stack([*(_standardised(one) for one in state), np.tanh(v / turn)])
+    x = np.column_stack([*((x - x.mean()) / (np.std(x) or 1.0) for x in state), np.tanh(v / turn)])
     rng = np.random.default_rng(FEATURE_SEED)
     frequency = rng.standard_normal((x.shape[1], FREQUENCY_COUNT)) / np.resize(
         tuned.DISCREPANCY_LENGTHS, FREQUENCY_COUNT
@@ -144,11 +144,6 @@ def _maximise_variance(gram: Array, right: Array, square: float, rows: int) -> N
             variance = max((rest + variance * used) / rows, 1e-12)
     log = -(rest / variance + float(value @ value) + float(np.sum(np.log1p(eigen / variance)))) / 2
     return NoiseEstimate(0.0, variance, vectors @ value, used, log - rows / 2 * float(np.log(variance)))
-
-
-def _standardised(x: Array) -> Array:
-    spread = float(np.std(x))
-    return np.asarray((x - x.mean()) / (spread if spread > 0 else 1.0))
 
 
 @dataclass(frozen=True, eq=False)

@@ -112,8 +112,7 @@ class Trials(Frozen):
             refitted = [g for g in self.selection.evidence.data.refitted if bodies or not g.bodies]
             laws = self.laws(extension)
             own = extend(self.model, refitted if extension.refitted else (), steps, laws, self.session.task.base)
-            rows = residual_rows(self.session.task, own, self.session.held_out)
-            self.built[extension] = own, rows._replace(pieces=())  # motions of many trials would not fit into memory
+            self.built[extension] = own, residual_rows(self.session.task, own, self.session.held_out, keep=False)
         return self.built[extension]
 
 

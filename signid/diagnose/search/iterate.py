@@ -85,9 +85,10 @@ def _names(selection: Selection) -> set[Key]:
 
 
 def _with_rows(posterior: Posterior, dataset: Dataset) -> Posterior:
-    """The same prior with the rows of another dataset."""
-    rows = whitened(dataset.table, dataset.noise)
-    known = posterior.evidence
+    """The same prior with the rows of another dataset, whose results take the place of those kept in memory."""
+    rows, known = whitened(dataset.table, dataset.noise), posterior.evidence
+    known.cache.clear()
+    known.own_cache.clear()
     return replace(posterior, evidence=Evidence(rows, known.stated_prior, known.bare))
 
 

@@ -77,6 +77,7 @@ def _replaced(dataset: Dataset, selection: Selection, group: Group, tried: list[
         data, _ = append(dataset, data, rival)
     selected = tuple(new if g is group else g for g in selection.selected)
     log = {(new if g is group else g): x for g, x in selection.log_odds.items()}
+    selection.evidence.own_cache.clear()  # large, and rarely asked for again
     posterior = replace(selection.posterior, evidence=replace(selection.evidence, data=data))
     return replace(selection, posterior=posterior, selected=selected, log_odds=log)
 

@@ -288,7 +288,7 @@ def held_out_rows(session: Session, after: Model) -> tuple[Course, bool]:
 
     parts = list(_beginning(session.held_out))
     stated = Model(session.robot, stated_inertials(session.robot), stated_laws(session.robot))
-    before, identified = (residual_rows(session.task, model, parts) for model in (stated, after))
+    before, identified = (residual_rows(session.task, model, parts, keep=False) for model in (stated, after))
     return course_of(before, identified, session.robot), _samples(parts) == _samples(session.held_out)
 
 

@@ -15,7 +15,7 @@ from ...errors import RecordingError
 from ...types import Array, Table
 from .base import BROKEN, MOST_COLUMNS, MOST_DEPTH, MOST_PARTS, Format, hushed, refusal
 
-SLAB = 262_144  # [rows] decoded at once
+SLAB = 131_072  # [rows] decoded at once
 NUMBERS = (pl.Boolean, pl.Null, pl.Datetime, pl.Duration)  # types that are read as numbers
 SEEN = 1000  # [rows] in which the length of lists is found
 CACHED_SLABS = 2  # number of slabs in memory, so that reads across a boundary decode nothing twice
