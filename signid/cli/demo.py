@@ -268,28 +268,29 @@ def story_document(story: Story, name: str) -> dict[str, Any]:
     """Build demo.json: concealed laws, findings and validation; `name` is the robot as given on the command line."""
     result, robot = story.result, story.simulation.robot
     before, after = result.rollout_before, result.rollout_after
+    concealed: list[dict[str, Any]] = []
+    for outcome in story.outcomes:
+        arm, (law, kind, finding, probability) = story.simulation.robot, outcome
+        concealed.append(
+            {
+                "effect": law.effect.name,
+                "joint": law_place(law, arm)[0],
+                "outcome": kind,
+                "probability": probability,
+                "alternative_to": law_name(finding.law, arm) if finding and not outcome.found else None,
+                "parameters": _numbers(story, outcome),
+            }
+        )
     return {
         "schema": "signid.demo/1",
         "robot": robot.name,
         "joints": list(robot.joints),
         "recordings": {"duration": SECONDS, "rate": HERTZ, "encoder_bits": BITS, "torque_noise": NOISE_SHARE},
         "verdict": result.verdict,
-        "concealed": [_concealed(story, outcome) for outcome in story.outcomes],
+        "concealed": concealed,
         "fit": {"before": fit_with_errors(result.before), "after": fit_with_errors(result.after)},
         "rollout": None if before is None or after is None else after.document(before),
         "flags": list(story.flags),
         "notes": list(result.notes),
         **provenance(result.inputs, [Input(readable(name), robot.sha256, "description")], story.seed),
-    }
-
-
-def _concealed(story: Story, outcome: LawOutcome) -> dict[str, Any]:
-    robot, (law, kind, finding, probability) = story.simulation.robot, outcome
-    return {
-        "effect": law.effect.name,
-        "joint": law_place(law, robot)[0],
-        "outcome": kind,
-        "probability": probability,
-        "alternative_to": law_name(finding.law, robot) if finding and not outcome.found else None,
-        "parameters": _numbers(story, outcome),
     }

@@ -45,7 +45,12 @@ def text(result: Any) -> str:
     shown = tables(result)
     flags = [line for flag in _flags(result, shown) for line in _lines(Text(f"flag: {flag}"))]
     last = [line for names in _names(result) for line in _lines(Text(names))]
-    return "\n".join([*_shortened([*_sections(shown), flags], MAX_LINES - len(last)), *last])
+    found: list[list[str]] = [[]]
+    for line in (line for block in shown for line in _lines(block)):
+        if not line and found[-1]:
+            found.append([])
+        found[-1] += [line] if line or len(found) > 1 else []
+    return "\n".join([*_shortened([*found, flags], MAX_LINES - len(last)), *last])
 
 
 def html(result: Any) -> str:
@@ -66,16 +71,6 @@ def _flags(result: Any, shown: Sequence[RenderableType]) -> list[str]:
 def _names(result: Any) -> list[str]:
     """A line with the names of the tables, if there are any."""
     return [f"tables, to_frame(name): {', '.join(names)}"] if (names := frame_names(result)) else []
-
-
-def _sections(blocks: Iterable[RenderableType]) -> list[list[str]]:
-    """Lines of blocks; a section begins at a blank line, which headings have above them."""
-    found: list[list[str]] = [[]]
-    for line in (line for block in blocks for line in _lines(block)):
-        if not line and found[-1]:
-            found.append([])
-        found[-1] += [line] if line or len(found) > 1 else []
-    return found
 
 
 def _lines(block: RenderableType) -> list[str]:

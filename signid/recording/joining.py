@@ -318,7 +318,15 @@ def read_times(opened: Opened, mapping: ParsedColumns, notes: list[str]) -> Time
     name, table = opened.name, opened.table
     if not table.rows:
         raise RecordingError(f"{name} has columns but no samples; record the robot in motion")
-    column, unit, mapped = _time_column(opened, mapping)
+    signals = list(own_columns(mapping, opened).signals(table.columns, name))
+    guesses = (meant for column in table.columns if (meant := guess(column)) and meant.kind == "t")
+    if stated := next((signal for signal in signals if signal.logical == "t"), None):
+        column, unit, mapped = stated.column, stated.unit, stated.mapped
+    elif time := next(guesses, None):
+        column, unit, mapped = time.column, time.unit, False
+    else:
+        advice = 'name it in a column map (--columns): t = "NAME"'
+        raise RecordingError(f"{name} has no column of time; it has {shorten(table.columns, 12)}; {advice}")
     if mapping.heading.rate is None and not mapped:
         ask_for_time(table, column, {column for column in table.columns if split(column)}, name)
     raw = table.read([column], 0, table.rows)[:, 0]
@@ -365,19 +373,6 @@ def in_one_unit(files: Sequence[Timed], notes: list[str]) -> list[Timed]:
             file = file._replace(t=t[fresh], rows=file.rows[fresh], seconds=file.seconds[fresh] / times)
         files_in_unit.append(file)
     return files_in_unit
-
-
-def _time_column(opened: Opened, mapping: ParsedColumns) -> tuple[str, str, bool]:
-    """Column of time, its unit as its name or the map states it, and whether the map names it."""
-    columns = opened.table.columns
-    signals = list(own_columns(mapping, opened).signals(columns, opened.name))
-    if stated := next((signal for signal in signals if signal.logical == "t"), None):
-        return stated.column, stated.unit, stated.mapped
-    guesses = (meant for column in columns if (meant := guess(column)) and meant.kind == "t")
-    if time := next(guesses, None):
-        return time.column, time.unit, False
-    advice = 'name it in a column map (--columns): t = "NAME"'
-    raise RecordingError(f"{opened.name} has no column of time; it has {shorten(columns, 12)}; {advice}")
 
 
 def _change(raw: Array, named: str, name: str, column: str, mapping: ParsedColumns, notes: list[str]) -> Change:
@@ -431,7 +426,23 @@ def name_columns(files: Sequence[Timed], mapping: ParsedColumns, notes: list[str
         columns.append([_named(signal, own.get(signal.column), stem, mapping) for signal in signals[k]])
         if own:
             notes.append(f"{file.name}: columns without a joint in their names are those of the joint {stem}")
-    return _distinct(files, columns)
+    first: dict[str, tuple[Timed, str]] = {}
+    for file, group in zip(files, columns, strict=True):
+        for column in group:
+            for key in (f"{column.kind}_{column.joint}",) if column.kind else ():
+                if key in first and first[key][0] is not file:
+                    both = f"{first[key][0].name} and {file.name} both have the signal {key}"
+                    names = f"columns {first[key][1]!r} and {column.column!r}"
+                    raise RecordingError(f"{both} ({names}); leave it out of one file, or rename its joint")
+                first[key] = file, column.column
+    all_names = [column.name for group in columns for column in group]
+    return [
+        [
+            column._replace(name=f"{column.name} of {stem}") if all_names.count(column.name) > 1 else column
+            for column in group
+        ]
+        for group, stem in zip(columns, stems(files), strict=True)
+    ]
 
 
 def _without_joint(column: str) -> Guess | None:
@@ -464,24 +475,3 @@ def _wrap(kind: str, unit: str, mapping: ParsedColumns, map_unit: str | Change |
     stated = map_unit or mapping.units.get(kind) or unit or "rad"
     change = stated if isinstance(stated, Change) else change_of(stated, kind, None, "the column map")
     return WRAP * change.over / abs(change.scale) if change.scale else float("inf")
-
-
-def _distinct(files: Sequence[Timed], columns: list[list[NamedColumn]]) -> list[list[NamedColumn]]:
-    """Columns with different names: the same signal twice is an error, other columns get the name of their file."""
-    first: dict[str, tuple[Timed, str]] = {}
-    for file, group in zip(files, columns, strict=True):
-        for column in group:
-            for key in (f"{column.kind}_{column.joint}",) if column.kind else ():
-                if key in first and first[key][0] is not file:
-                    both = f"{first[key][0].name} and {file.name} both have the signal {key}"
-                    names = f"columns {first[key][1]!r} and {column.column!r}"
-                    raise RecordingError(f"{both} ({names}); leave it out of one file, or rename its joint")
-                first[key] = file, column.column
-    all_names = [column.name for group in columns for column in group]
-    return [
-        [
-            column._replace(name=f"{column.name} of {stem}") if all_names.count(column.name) > 1 else column
-            for column in group
-        ]
-        for group, stem in zip(columns, stems(files), strict=True)
-    ]

@@ -28,7 +28,7 @@ from .document import (
     massless_note,
     restricted,
 )
-from .mjcf_tree import MIN_INERTIAL, Source, included, prepare_tree
+from .mjcf_tree import MIN_INERTIAL, included, prepare_tree
 
 if TYPE_CHECKING:
     import pinocchio as pin
@@ -91,7 +91,17 @@ def read_mjcf(document: Document) -> Draft:
     root, folder = deepcopy(document.root), Path(document.path).parent
     text = included(root, folder, document.text)
     source = prepare_tree(root, folder if document.path else None)
-    compiled = _compile_mjcf(source)
+    content = json.loads(_run_cached(source.text) if not source.files else _run_compiler(source.text, source.files))
+    _check_finite(content)
+    for body in content["bodies"]:
+        body["mass"], *body["inertia"] = (0.0 if x <= MIN_INERTIAL else x for x in (body["mass"], *body["inertia"]))
+    compiled = _Compiled(
+        tuple(_Body(**body) for body in content["bodies"]),
+        tuple(_Joint(**joint) for joint in content["joints"]),
+        tuple((first, second, polynomial) for first, second, polynomial in content["ties"]),
+        content["gravity"],
+        content["medium"],
+    )
     moving = [joint for joint in compiled.joints if joint.kind in _MOVING_KINDS]
     check_count(len(compiled.bodies), len(moving), "bodies")
     check_names(joint=[joint.name for joint in compiled.joints], body=[body.name for body in compiled.bodies])
@@ -122,25 +132,6 @@ def read_mjcf(document: Document) -> Draft:
             *impossible_notes({name: (body.mass, body.inertia) for name, body in moved.items()}),
         ),
         still=frozenset(joint.name for joint in compiled.joints if joint.kind == "ball"),
-    )
-
-
-def _compile_mjcf(source: Source) -> _Compiled:
-    """Compile with MuJoCo, in a process of its own.
-
-    Raises:
-        RobotError: MuJoCo rejects the file, or a number is not finite or too large.
-    """
-    content = json.loads(_run_cached(source.text) if not source.files else _run_compiler(source.text, source.files))
-    _check_finite(content)
-    for body in content["bodies"]:
-        body["mass"], *body["inertia"] = (0.0 if x <= MIN_INERTIAL else x for x in (body["mass"], *body["inertia"]))
-    return _Compiled(
-        tuple(_Body(**body) for body in content["bodies"]),
-        tuple(_Joint(**joint) for joint in content["joints"]),
-        tuple((first, second, polynomial) for first, second, polynomial in content["ties"]),
-        content["gravity"],
-        content["medium"],
     )
 
 

@@ -113,19 +113,6 @@ def _joint_notes(tree: Tree, moving: list[Joint], known: Container[str]) -> Iter
     mimics = [(joint.name, joint.axis.mimic.joint) for joint in moving if joint.axis.mimic]
     if stray := [f"{name} ({followed})" for name, followed in mimics if followed not in known]:
         yield f"treated as independent, because they mimic joints that do not exist: {shorten(stray)}"
-    yield from _inertial_notes(tree)
-    if held := [f"{joint.name} ({joint.kind})" for joint in tree.joints if joint.kind in HELD_KINDS]:
-        yield f"held fixed at neutral: {shorten(held)}"
-    lacking = {
-        "position": [x.name for x in moving if x.kind != "continuous" and x.axis.upper - x.axis.lower == inf],
-        "velocity": [x.name for x in moving if x.axis.velocity == inf],
-        "effort": [x.name for x in moving if x.axis.effort == inf],
-    }
-    yield from (f"no {what} limit is stated for {shorten(found)}" for what, found in lacking.items() if found)
-
-
-def _inertial_notes(tree: Tree) -> tuple[str, ...]:
-    """Notes on moving links; a link counts with those rigidly attached to it."""
     carried = _carriers(tree)
     bodies: dict[str, float] = {}
     stated: dict[str, tuple[float, Array]] = {}
@@ -134,7 +121,15 @@ def _inertial_notes(tree: Tree) -> tuple[str, ...]:
             bodies[name] = bodies.get(name, 0.0) + (inertial.mass if inertial else 0.0)
             if inertial:
                 stated[link] = inertial.mass, np.array(inertial.moments)[[[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
-    return massless_note(bodies) + impossible_notes(stated)
+    yield from (massless_note(bodies) + impossible_notes(stated))
+    if held := [f"{joint.name} ({joint.kind})" for joint in tree.joints if joint.kind in HELD_KINDS]:
+        yield f"held fixed at neutral: {shorten(held)}"
+    lacking = {
+        "position": [x.name for x in moving if x.kind != "continuous" and x.axis.upper - x.axis.lower == inf],
+        "velocity": [x.name for x in moving if x.axis.velocity == inf],
+        "effort": [x.name for x in moving if x.axis.effort == inf],
+    }
+    yield from (f"no {what} limit is stated for {shorten(found)}" for what, found in lacking.items() if found)
 
 
 def _massless(tree: Tree) -> frozenset[str]:

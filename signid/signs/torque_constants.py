@@ -106,7 +106,15 @@ def share_constants(factors: Factors, base: BaseMap, unknown: Mask) -> Constants
     value = estimate(_scaled(factors, log), base, np.zeros(rank)).value
     covariance = np.zeros((n, n))
     for _ in range(MAX_LOG_STEPS if len(free) else 0):
-        found = estimate(_with_gains(_scaled(factors, log), value, free, rank), base, np.zeros(rank + len(free)))
+        scaled = _scaled(factors, log)
+        joints, columns = list(scaled.joints), list(scaled.columns)
+        for i, j in enumerate(free.tolist()):
+            seen = columns[j]
+            joints[j] = move(joints[j], np.column_stack([np.eye(len(seen)), -value[seen]]))
+            columns[j] = np.append(seen, rank + i)
+        found = estimate(
+            replace(scaled, joints=tuple(joints), columns=tuple(columns)), base, np.zeros(rank + len(free))
+        )
         value, step = found.value[:rank], np.clip(found.value[rank:], -MAX_LOG_STEP, MAX_LOG_STEP)
         log[free] += step
         covariance[np.ix_(free, free)] = found.covariance[rank:, rank:]
@@ -142,16 +150,6 @@ def _scaled(factors: Factors, log: Array) -> Factors:
     joints = zip(factors.joints, factors.columns, np.exp(log).tolist(), strict=True)
     moved = tuple(move(joint, np.eye(len(seen)), scale) for joint, seen, scale in joints)
     return replace(factors, joints=moved, sample=None)
-
-
-def _with_gains(factors: Factors, value: Array, free: Indices, rank: int) -> Factors:
-    """Factors with one more column for each free joint: minus the predicted torque, the derivative by log K."""
-    joints, columns = list(factors.joints), list(factors.columns)
-    for i, j in enumerate(free.tolist()):
-        seen = columns[j]
-        joints[j] = move(joints[j], np.column_stack([np.eye(len(seen)), -value[seen]]))
-        columns[j] = np.append(seen, rank + i)
-    return replace(factors, joints=tuple(joints), columns=tuple(columns))
 
 
 class _ConstantTrial(NamedTuple):
@@ -223,8 +221,16 @@ def describe_constants(task: Task, factors: Factors) -> Constants:
         inverse, std = float(found.value[0]), float(np.sqrt(found.covariance[0, 0]))
         if inverse > 0 and std < MAX_CONSTANT_STD * inverse:
             log[j], noise[j] = -np.log(inverse), std / inverse
-            off[j] = _share(joint.grams[0][-len(seen) - 1 : -1, -len(seen) - 1 : -1], columns, bodies[seen])
-    off *= INERTIAL_ERROR * np.concatenate([_inertial_scales(body) for body in stated])
+            gram = joint.grams[0][-len(seen) - 1 : -1, -len(seen) - 1 : -1]
+            normal = columns.T @ gram @ columns
+            size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+            solved = np.linalg.pinv(normal / np.outer(size, size), rcond=1e-10, hermitian=True) / np.outer(size, size)
+            off[j] = np.asarray(solved[0] @ columns.T @ gram @ bodies[seen])
+    scales: list[Array] = []
+    for body in stated:
+        mass, second = body[0], max((body[4] + body[6] + body[9]) / 2, 0.0)
+        scales.append(np.array([mass, *[np.sqrt(max(mass * second, 0.0))] * 3, *[second] * 6]))
+    off *= INERTIAL_ERROR * np.concatenate(scales)
     return Constants(log, off @ off.T + np.diag(noise**2))
 
 
@@ -249,20 +255,6 @@ def combine(relative: Constants, described: Constants, known: Mask) -> Constants
     chi2 = float(difference @ np.linalg.solve(shared + stated, difference)) / freedom
     gain = np.linalg.solve(shared + max(chi2, 1.0) * stated, before[at]).T
     return Constants(log + gain @ difference, before - gain @ before[at])
-
-
-def _share(gram: Array, columns: Array, bodies: Array) -> Array:
-    """Relative change (10 nb,) of the regressed torque with each inertial parameter [1 over its unit]."""
-    normal = columns.T @ gram @ columns
-    size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    inverse = np.linalg.pinv(normal / np.outer(size, size), rcond=1e-10, hermitian=True) / np.outer(size, size)
-    return np.asarray(inverse[0] @ columns.T @ gram @ bodies)
-
-
-def _inertial_scales(body: Array) -> Array:
-    """Scales (10,) of the inertial parameters of a body: those of its mass at its radius of gyration."""
-    mass, second = body[0], max((body[4] + body[6] + body[9]) / 2, 0.0)
-    return np.array([mass, *[np.sqrt(max(mass * second, 0.0))] * 3, *[second] * 6])
 
 
 @dataclass(frozen=True, eq=False)
@@ -355,7 +347,12 @@ def _alternate(session: Session, observed: Observations, unknown: Mask, progress
         if np.array_equal(last, signs):
             break
         before = constants
-        constants = _estimate_constants(session.task, _recorded_factors(session, observed, signs), unknown)
+        parts = []
+        for part, (recording, sampling) in enumerate(session.learned):
+            at = observed.part == part
+            t, first, own = observed.t[at], np.flatnonzero(observed.first[at]), signs[at].astype(np.int8)
+            parts.append((with_signs(recording, signs_of_rows(recording, sampling, t, first, own)), sampling))
+        constants = _estimate_constants(session.task, session.reduce(parts), unknown)
         change = np.abs(constants.log - before.log)
         if last.any() and np.all(change <= np.maximum(CONSTANT_TOLERANCE, DEVIATION_TOLERANCE * constants.std)):
             break
@@ -375,16 +372,6 @@ def _infer_signs(task: Task, observed: Observations, constants: Constants, seed:
             inferred = infer(task, replace(observed, known=group, torque=torque), seed)
             signs[:, group] = inferred.refined.signs[:, group]
     return signs
-
-
-def _recorded_factors(session: Session, observed: Observations, signs: Array) -> Factors:
-    """Factors of the recordings with their signs, in the units recorded."""
-    parts = []
-    for k, (recording, sampling) in enumerate(session.learned):
-        at = observed.part == k
-        t, first, own = observed.t[at], np.flatnonzero(observed.first[at]), signs[at].astype(np.int8)
-        parts.append((with_signs(recording, signs_of_rows(recording, sampling, t, first, own)), sampling))
-    return session.reduce(parts)
 
 
 def _estimate_constants(task: Task, factors: Factors, unknown: Mask) -> Constants:

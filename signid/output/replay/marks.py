@@ -86,7 +86,20 @@ def read_found(diagnosis: Diagnosis | ServoDiagnosis | str | Path) -> ReplayFind
         if after.servos:
             drives = tuple(map(_drive_finding, content["findings"]))
             return ReplayFindings(str(content["verdict"]), after, (), drives)
-        findings = tuple(_finding(x, after) for x in content["findings"])
+        found: list[ReplayFinding] = []
+        for x in content["findings"]:
+            numbers = x["parameters"]
+            values = {key: number["value"] for key, number in numbers.items()}
+            found.append(
+                ReplayFinding(
+                    law=law_at(EFFECTS[x["effect"]], after.robot, x["joint"], values),
+                    std={key: number["std"] for key, number in numbers.items()},
+                    probability=float(x["probability"]),
+                    cause=x["role"] == "cause",
+                    stated={key: number["stated"] for key, number in numbers.items() if "stated" in number},
+                )
+            )
+        findings = tuple(found)
         left = tuple(float(x["share"]) for x in content.get("unexplained", ()) if x.get("without_cause"))
         return ReplayFindings(str(content["verdict"]), after, findings, left=left)
     except OSError as error:
@@ -95,18 +108,6 @@ def read_found(diagnosis: Diagnosis | ServoDiagnosis | str | Path) -> ReplayFind
         raise
     except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
         raise OptionError(f"{path} is not a diagnosis.json of `signid diagnose` ({error!r})") from None
-
-
-def _finding(entry: Mapping[str, Any], after: Model) -> ReplayFinding:
-    numbers = entry["parameters"]
-    values = {key: number["value"] for key, number in numbers.items()}
-    return ReplayFinding(
-        law=law_at(EFFECTS[entry["effect"]], after.robot, entry["joint"], values),
-        std={key: number["std"] for key, number in numbers.items()},
-        probability=float(entry["probability"]),
-        cause=entry["role"] == "cause",
-        stated={key: number["stated"] for key, number in numbers.items() if "stated" in number},
-    )
 
 
 def _drive_finding(entry: Mapping[str, Any]) -> DriveFinding:

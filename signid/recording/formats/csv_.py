@@ -171,8 +171,15 @@ def _of_texts(path: Path, content: bytes, layout: TextLayout) -> MemoryTable:
         raise RecordingError(_shape_fault(path, content, layout)) from error
     frame = frame.with_columns(pl.all().str.strip_chars())
     frame, notes = _samples(frame)
-    frame, said = _named_by_texts(frame)
-    notes += said
+    numbered = [(text, match[2]) for text in frame if (match := NAME.fullmatch(text.name)) and text.n_unique() == 1]
+    names = {number: str(text[0]) for text, number in numbered if text[0] and not is_number(text[0])}
+    ends = {column: re.fullmatch(r"(.*?[_.\[])(\d+)\]?", column) for column in frame.columns}
+    texts = {text.name for text, _ in numbered}
+    known = {column: end for column, end in ends.items() if end and end[2] in names and column not in texts}
+    new = {column: f"{end[1].rstrip('[._')}_{names[end[2]]}" for column, end in known.items()}
+    if new and len({*new.values()} - {*frame.columns}) == len(new):
+        frame = frame.rename(new).drop(texts)
+        notes += (f"columns are named by the texts of {shorten(sorted(texts), 3)}",)
     usable, unusable = dict[str, Array](), dict[str, str]()
     for text in frame:
         column = text.str.replace(",", ".", literal=True) if layout.decimal_comma else text
@@ -204,19 +211,6 @@ def _samples(frame: pl.DataFrame) -> tuple[pl.DataFrame, tuple[str, ...]]:
     if below:
         notes += (f"lines of text below the samples left out: {below}",)
     return frame.head(frame.height - below), notes
-
-
-def _named_by_texts(frame: pl.DataFrame) -> tuple[pl.DataFrame, tuple[str, ...]]:
-    """Columns such as position_0 with the text that name_0 holds in every row in place of their number, and a note."""
-    numbered = [(text, match[2]) for text in frame if (match := NAME.fullmatch(text.name)) and text.n_unique() == 1]
-    names = {number: str(text[0]) for text, number in numbered if text[0] and not is_number(text[0])}
-    ends = {column: re.fullmatch(r"(.*?[_.\[])(\d+)\]?", column) for column in frame.columns}
-    texts = {text.name for text, _ in numbered}
-    known = {column: end for column, end in ends.items() if end and end[2] in names and column not in texts}
-    new = {column: f"{end[1].rstrip('[._')}_{names[end[2]]}" for column, end in known.items()}
-    if len({*new.values()} - {*frame.columns}) < len(new) or not new:
-        return frame, ()
-    return frame.rename(new).drop(texts), (f"columns are named by the texts of {shorten(sorted(texts), 3)}",)
 
 
 def _seconds_of_dates(column: pl.Series) -> Array | None:

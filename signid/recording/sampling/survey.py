@@ -305,14 +305,6 @@ def notes(facts: Facts) -> Iterator[str]:
     if accumulated.short:
         stretches = "1 stretch" if accumulated.short == 1 else f"{accumulated.short} stretches"
         yield f"{stretches} shorter than 8 samples or 0.5 s omitted"
-    yield from _joint_notes(facts)
-    for key, word in (("dq", "velocities"), ("ddq", "accelerations")):
-        columns = zip(facts.recording.columns.get(key, ()), facts.moves, strict=False)
-        if dead := [name for name, moves in columns if moves and name in facts.dead]:
-            yield f"{', '.join(dead)}: zero throughout although the joints move; {word} are computed from positions"
-
-
-def _joint_notes(facts: Facts) -> Iterator[str]:
     recording, (lower, upper) = facts.recording, facts.limits
     total = facts.accumulated.total
     wraps = {int(j) for turns in facts.accumulated.turns for j in np.flatnonzero(turns)}
@@ -329,6 +321,10 @@ def _joint_notes(facts: Facts) -> Iterator[str]:
         if j in wraps:
             by = "full turns" if abs(spans[j] - 2 * np.pi) < 1e-9 else f"{spans[j]:.5g} {unit}"
             yield f"column {column} wraps around by {by}: unwrapped"
+    for key, word in (("dq", "velocities"), ("ddq", "accelerations")):
+        columns = zip(facts.recording.columns.get(key, ()), facts.moves, strict=False)
+        if dead := [name for name, moves in columns if moves and name in facts.dead]:
+            yield f"{', '.join(dead)}: zero throughout although the joints move; {word} are computed from positions"
 
 
 def choose_clock(

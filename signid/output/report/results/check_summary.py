@@ -149,7 +149,13 @@ def unit_uses(recordings: Sequence[Recording], positions: Mapping[str, str]) -> 
         for signal, group in recording.columns.items():
             for j, column in enumerate(group):
                 if column:
-                    into = _unit(signal, "" if signal in OTHER_UNITS else positions.get(recording.joints[j], "rad"))
+                    place = "" if signal in OTHER_UNITS else positions.get(recording.joints[j], "rad")
+                    if signal in OTHER_UNITS:
+                        into = OTHER_UNITS[signal]
+                    elif signal in ("tau", "tau_ff"):
+                        into = "N" if place == "m" else "N.m"
+                    else:
+                        into = place and place + RATE_SUFFIX.get(signal, "")
                     if signal == "tau" and recording.scaled is not None and not recording.scaled[j]:
                         into = "A"  # a current without a torque constant
                     factor = float(recording.torque_per_unit[j]) if signal == "tau" else 1.0
@@ -160,14 +166,6 @@ def unit_uses(recordings: Sequence[Recording], positions: Mapping[str, str]) -> 
         UnitUse(signal, tuple(scales), *stated, into, (min(scales.values()), max(scales.values())) if current else ())
         for (signal, stated, into, current), scales in ordered
     )
-
-
-def _unit(signal: str, place: str) -> str:
-    if signal in OTHER_UNITS:
-        return OTHER_UNITS[signal]
-    if signal in ("tau", "tau_ff"):
-        return "N" if place == "m" else "N.m"
-    return place and place + RATE_SUFFIX.get(signal, "")
 
 
 def unit_sentences(uses: Sequence[UnitUse]) -> Iterator[str]:

@@ -159,13 +159,21 @@ def diagnosis_tables(result: Diagnosis) -> list[RenderableType]:
         _fit(result),
         _rolled(result),
     ]
+    alternatives: list[RenderableType] = []
+    rivals = [(finding, words.alternative_words(result.robot, finding)) for finding in result.causes[:MAX_CAUSES]]
+    if any(cells for _, cells in rivals):
+        alternatives.append(heading("Alternatives that explain the recordings equally well, or nearly"))
+    for finding, cells in rivals:
+        if cells:
+            alternatives.append(paragraph(law_words(result.robot, finding.law)))
+            alternatives += map(_indented, cells)
     return [
         Text(f"{result.robot.name}: {words.verdict_words(result)}", RED if unreliable else STYLES[result.verdict]),
         heading(RESIDUAL),
         *map(paragraph, words.place_words(result, MAX_PLACES)),
         *_findings(result),
         *map(paragraph, words.trust_words(result)),
-        *_alternatives(result),
+        *alternatives,
         *map(paragraph, words.power_words(result)),
         *terminal(last, diagnosis_notes(result)),
     ]
@@ -200,16 +208,6 @@ def _indented(line: str) -> RenderableType:
 
 def _more(number: int) -> list[RenderableType]:
     return [paragraph(f"and {plural(number, 'smaller finding')} in diagnosis.json")] if number > 0 else []
-
-
-def _alternatives(result: Diagnosis) -> Iterator[RenderableType]:
-    rivals = [(finding, words.alternative_words(result.robot, finding)) for finding in result.causes[:MAX_CAUSES]]
-    if any(cells for _, cells in rivals):
-        yield heading("Alternatives that explain the recordings equally well, or nearly")
-    for finding, cells in rivals:
-        if cells:
-            yield paragraph(law_words(result.robot, finding.law))
-            yield from map(_indented, cells)
 
 
 def _fit(result: Diagnosis) -> Section:
@@ -259,10 +257,21 @@ def diagnosis_page(result: Diagnosis, inputs: Sequence[Input] = (), command: str
     first, last = result.rollout_before, result.rollout_after
     rolled = first and last and rollout_plots([("before", first, ORANGE, "dot"), ("after", last, BLUE, "solid")])
     drawn = (Legend("Position error, rms over the windows."), Plots(rolled)) if rolled else ()
+    joints = words.place_words(result) if len(result.located) > MAX_PLACES else []
+    learned, floor = result.train, result.before.irreducible_rms
+    before, after = (left / floor for left in (learned.before, learned.after))
+    top = hottest(learned, before)
+    said = (Sentences(words.place_words(result, MAX_PLACES)), Fold("All joints", joints))
+    extended = heat_maps(learned, after, top) if result.findings else ()
     sections = [
         Section(roles["cause"], (Laws(list(_law_cards(result))),)),
         Section(ORDINARY, (Sentences(words.ordinary_words(result)), Fold("Each of them", usual))),
-        *_places(result),
+        *[
+            Section(RESIDUAL, said),
+            Section("Original simulation", (Plots(heat_maps(learned, before, top)),), level=3),
+            Section("Extended simulation", (Plots(extended),), level=3),
+            Section("", (Legend(HEAT_LEGEND), Key([("scale", f"1 to {figure(top, 2)} times")]))),
+        ],
         Section(roles["secondary"], (Cells(CORRECTION_HEADS, corrections),)),
         Section("", (Sentences(words.trust_words(result)),)),
         Section("Alternatives, and motions that would separate them", tuple(_separating(result))),
@@ -279,22 +288,6 @@ def diagnosis_page(result: Diagnosis, inputs: Sequence[Input] = (), command: str
     )
     content = shared(result, [result.robot], inputs, command) | {"notes": diagnosis_notes(result)}
     return sections_page(header, sections, content)
-
-
-def _places(result: Diagnosis) -> list[Section]:
-    """Where the residual is, in sentences and heat maps, for a page."""
-    joints = words.place_words(result) if len(result.located) > MAX_PLACES else []
-    learned, floor = result.train, result.before.irreducible_rms
-    before, after = (left / floor for left in (learned.before, learned.after))
-    top = hottest(learned, before)
-    said = (Sentences(words.place_words(result, MAX_PLACES)), Fold("All joints", joints))
-    extended = heat_maps(learned, after, top) if result.findings else ()
-    return [
-        Section(RESIDUAL, said),
-        Section("Original simulation", (Plots(heat_maps(learned, before, top)),), level=3),
-        Section("Extended simulation", (Plots(extended),), level=3),
-        Section("", (Legend(HEAT_LEGEND), Key([("scale", f"1 to {figure(top, 2)} times")]))),
-    ]
 
 
 def _separating(result: Diagnosis) -> Iterator[Plain | Sentences | Fold]:
