@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -98,7 +98,20 @@ class Story(Frozen):
     @property
     def flags(self) -> tuple[str, ...]:
         """Flags of the diagnosis, and wrong findings."""
-        return (*self.result.flags, *_misses(self.outcomes, self.result))
+        misses: list[str] = []
+        for law, kind, finding, probability in self.outcomes:
+            concealed = f"{law_name(law, self.result.robot)} was concealed"
+            if kind == MISSED_LAW:
+                misses.append(f"{concealed} and missed")
+            if kind == RIVAL_LAW and finding is not None:
+                beside = law_name(finding.law, self.result.robot)
+                misses.append(
+                    f"{concealed} and named only as an alternative to {beside}, with probability {probability:.3f}"
+                )
+        for cause in self.result.causes:
+            if not any(cause is outcome.finding for outcome in self.outcomes):
+                misses.append(f"{law_name(cause.law, self.result.robot)} was named but not concealed")
+        return (*self.result.flags, *misses)
 
 
 def demo(robot: Robot, folder: str | Path, *, seed: int = 0, progress: Progress | None = None) -> Story:
@@ -160,20 +173,6 @@ def take_arm(robot: Robot) -> Robot:
     if forks and 2 * forks[-1] > len(limb):
         limb = limb[: forks[-1]]
     return hold(robot, resting(robot, but=[at[i] for i in limb]))
-
-
-def _misses(outcomes: tuple[LawOutcome, ...], result: Diagnosis) -> Iterator[str]:
-    """Yield a sentence for each law that was missed or named without being concealed."""
-    for law, kind, finding, probability in outcomes:
-        concealed = f"{law_name(law, result.robot)} was concealed"
-        if kind == MISSED_LAW:
-            yield f"{concealed} and missed"
-        if kind == RIVAL_LAW and finding is not None:
-            beside = law_name(finding.law, result.robot)
-            yield f"{concealed} and named only as an alternative to {beside}, with probability {probability:.3f}"
-    for cause in result.causes:
-        if not any(cause is outcome.finding for outcome in outcomes):
-            yield f"{law_name(cause.law, result.robot)} was named but not concealed"
 
 
 def _outcome(law: Law, result: Diagnosis) -> LawOutcome:

@@ -77,12 +77,35 @@ def open_files(source: Source | Files, topics: Sequence[str], mapping: ParsedCol
         return Joined(open_source(source.paths[0], topics, mapping.heading), mapping)
     notes: list[str] = []
     flags: list[str] = []
-    timed = in_one_unit([read_times(opened, mapping, notes) for opened in _opened(source, topics, mapping)], notes)
+    paths = [Path(path) for path in source.paths]
+    if twice := next(
+        (path for k, path in enumerate(paths) if path.resolve() in [p.resolve() for p in paths[:k]]), None
+    ):
+        raise OptionError(f"{twice} is given twice; give each file of the log once")
+    with_topics = [path.exists() and type(find_format(path)).select is not Format.select for path in paths]
+    if topics and not any(with_topics):
+        raise OptionError(f"none of {shorten([str(path) for path in paths])} has topics; remove --topic")
+    opened_files = []
+    for path, has in zip(paths, with_topics, strict=True):
+        opened = open_source(path, topics if has else (), mapping.heading)
+        require_memory(path, 24.0 * opened.table.rows * len(opened.table.columns), "join shorter files")
+        opened_files.append(opened)
+    timed = in_one_unit([read_times(opened, mapping, notes) for opened in opened_files], notes)
     named = name_columns(timed, mapping, notes)
     base = next((k for k, columns in enumerate(named) if any(column.kind == "q" for column in columns)), 0)
     order = [base, *(k for k in range(len(timed)) if k != base)]
     parts = [_Part.read(timed[k], named[k]) for k in order]
-    offsets = _stated(source, [part.file for part in parts])
+    places = [part.file.opened.path for part in parts]
+    offsets: dict[int, float] = {}  # stated ones [s], relative to the first part
+    for file_name, seconds in source.offsets.items():
+        matching = [k for k, place in enumerate(places) if Path(place) == Path(file_name)]
+        matching = matching or [k for k, place in enumerate(places) if Path(place).name == file_name]
+        if len(matching) != 1:
+            fault = "is none of the files" if not matching else "is the name of several files"
+            raise OptionError(f"--offset {file_name}={seconds:g}: {file_name} {fault}; give one of {shorten(places)}")
+        offsets[matching[0]] = seconds
+    if offsets and (first_offset := offsets.pop(0, 0.0)):
+        offsets = {k: offsets.get(k, 0.0) - first_offset for k in range(1, len(parts))}
     files = [_aligned(parts, k, offsets, source.align, notes, flags) for k in range(1, len(parts))]
     for k, file in enumerate(files, 1):
         parts[k] = parts[k].moved(file.offset)
@@ -124,43 +147,6 @@ class _Part(NamedTuple):
                 known = np.isfinite(values)
                 tracks[column.kind, column.joint] = Readings(t[known], values[known])
         return tracks
-
-
-def _opened(source: Files, topics: Sequence[str], mapping: ParsedColumns) -> list[Opened]:
-    paths = [Path(path) for path in source.paths]
-    if twice := next(
-        (path for k, path in enumerate(paths) if path.resolve() in [p.resolve() for p in paths[:k]]), None
-    ):
-        raise OptionError(f"{twice} is given twice; give each file of the log once")
-    with_topics = [path.exists() and type(find_format(path)).select is not Format.select for path in paths]
-    if topics and not any(with_topics):
-        raise OptionError(f"none of {shorten([str(path) for path in paths])} has topics; remove --topic")
-    opened_files = []
-    for path, has in zip(paths, with_topics, strict=True):
-        opened = open_source(path, topics if has else (), mapping.heading)
-        require_memory(path, 24.0 * opened.table.rows * len(opened.table.columns), "join shorter files")
-        opened_files.append(opened)
-    return opened_files
-
-
-def _stated(source: Files, files: Sequence[Timed]) -> dict[int, float]:
-    """Stated offsets [s] by file, relative to the first of `files`.
-
-    Raises:
-        OptionError: an offset of no file, or of two.
-    """
-    offsets: dict[int, float] = {}
-    for file_name, seconds in source.offsets.items():
-        paths = [file.opened.path for file in files]
-        matching = [k for k, path in enumerate(paths) if Path(path) == Path(file_name)]
-        matching = matching or [k for k, path in enumerate(paths) if Path(path).name == file_name]
-        if len(matching) != 1:
-            fault = "is none of the files" if not matching else "is the name of several files"
-            raise OptionError(f"--offset {file_name}={seconds:g}: {file_name} {fault}; give one of {shorten(paths)}")
-        offsets[matching[0]] = seconds
-    if offsets and (first_offset := offsets.pop(0, 0.0)):
-        offsets = {k: offsets.get(k, 0.0) - first_offset for k in range(1, len(files))}
-    return offsets
 
 
 def _aligned(

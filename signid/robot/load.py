@@ -141,6 +141,12 @@ def _assemble(draft: Draft, document: Document) -> Robot:
         rest[axis.row] = offset
         if leader is not None:
             drive[axis.row, column[leader]] = scale
+    stiffness, moment = np.zeros(len(free)), np.zeros(len(free))
+    for axis in draft.axes:
+        weight, (stated, place) = drive[axis.row], axis.spring
+        stiffness += weight**2 * stated
+        moment += weight * stated * (place - rest[axis.row])
+    springs = zip(column, stiffness.tolist(), moment.tolist(), strict=True)
     return Robot(
         name=one_line(draft.name) or "robot",
         model=draft.model,
@@ -160,7 +166,7 @@ def _assemble(draft: Draft, document: Document) -> Robot:
         path=document.path,
         sha256=document.sha256,
         notes=draft.notes,
-        springs=_springs(draft, drive, rest, tuple(column)),
+        springs={joint: (total, part / total) for joint, total, part in springs if total},
     )
 
 
@@ -196,17 +202,6 @@ def _stated_actuators(draft: Draft, drive: Array) -> Actuators:
 
     armature, viscous = (reflected(key, drive**2) for key in ("armature", "viscous"))
     return Actuators(armature, viscous, reflected("coulomb", np.abs(drive)), nothing, nothing)
-
-
-def _springs(draft: Draft, drive: Array, rest: Array, joints: tuple[str, ...]) -> dict[str, tuple[float, float]]:
-    """Stiffness and rest position of the springs by joint; those of mimic joints are added to the joint they follow."""
-    stiffness, moment = np.zeros(len(joints)), np.zeros(len(joints))
-    for axis in draft.axes:
-        weight, (stated, place) = drive[axis.row], axis.spring
-        stiffness += weight**2 * stated
-        moment += weight * stated * (place - rest[axis.row])
-    found = zip(joints, stiffness.tolist(), moment.tolist(), strict=True)
-    return {joint: (total, part / total) for joint, total, part in found if total}
 
 
 def _held_joints(robot: Robot, joints: Sequence[str] | None, lock: Mapping[str, float]) -> dict[str, float]:

@@ -92,7 +92,17 @@ def read_mjcf(document: Document) -> Draft:
     text = included(root, folder, document.text)
     source = prepare_tree(root, folder if document.path else None)
     content = json.loads(_run_cached(source.text) if not source.files else _run_compiler(source.text, source.files))
-    _check_finite(content)
+    for what, parts in (("body", content["bodies"]), ("joint", content["joints"])):
+        for part in parts:
+            for key, value in part.items():
+                stated = f"{what} {part['name']!r} has {key}={value!r}"
+                if key not in ("name", "kind", "range", "effort"):
+                    _ = [bounded(float(number), stated) for number in np.atleast_1d(value)]
+                elif key in ("range", "effort") and np.isnan(np.array(value, float)).any() and value is not None:
+                    raise RobotError(f"{stated}; expected numbers")
+    for _, _, polynomial in content["ties"]:
+        _ = [bounded(number, f"a joint constraint has polycoef={polynomial}") for number in polynomial]
+    _ = [bounded(number, f"gravity is {content['gravity']}") for number in content["gravity"]]
     for body in content["bodies"]:
         body["mass"], *body["inertia"] = (0.0 if x <= MIN_INERTIAL else x for x in (body["mass"], *body["inertia"]))
     compiled = _Compiled(
@@ -149,20 +159,6 @@ def _run_compiler(text: str, files: Mapping[str, bytes]) -> str:
 @lru_cache(maxsize=64)
 def _run_cached(text: str) -> str:
     return _run_compiler(text, {})
-
-
-def _check_finite(content: Mapping[str, Any]) -> None:
-    for what, parts in (("body", content["bodies"]), ("joint", content["joints"])):
-        for part in parts:
-            for key, value in part.items():
-                stated = f"{what} {part['name']!r} has {key}={value!r}"
-                if key not in ("name", "kind", "range", "effort"):
-                    _ = [bounded(float(number), stated) for number in np.atleast_1d(value)]
-                elif key in ("range", "effort") and np.isnan(np.array(value, float)).any() and value is not None:
-                    raise RobotError(f"{stated}; expected numbers")
-    for _, _, polynomial in content["ties"]:
-        _ = [bounded(number, f"a joint constraint has polycoef={polynomial}") for number in polynomial]
-    _ = [bounded(number, f"gravity is {content['gravity']}") for number in content["gravity"]]
 
 
 def _name_all(compiled: _Compiled) -> tuple[_Compiled, list[str]]:

@@ -216,6 +216,7 @@ def recover(session: Session, *, method: str = "exact", progress: Progress | Non
 
     Raises:
         OptionError: there is no such method, or a torque constant is neither known nor identifiable.
+        RecordingError: only some recordings have the torque of a joint.
     """
     if method not in SIGN_METHODS:
         raise OptionError(f"signs {method!r} is none of {', '.join(SIGN_METHODS)}")

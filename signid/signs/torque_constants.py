@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -297,8 +297,18 @@ def find_gains(session: Session, progress: Progress | None = None) -> TorqueCons
 
     Raises:
         OptionError: a constant is not identifiable; the sentence says what to state.
+        RecordingError: a constant is known in some recordings only.
     """
-    robot, unknown = session.robot, _unknown_joints(session.recordings)
+    robot, recordings = session.robot, session.recordings
+    joints = same_joints(recordings)
+    lacking = np.array([np.zeros(len(joints), bool) if r.scaled is None else ~r.scaled for r in recordings])
+    for j in np.flatnonzero(lacking.any(axis=0) & ~lacking.all(axis=0)).tolist():
+        first, other = recordings[int(np.argmax(lacking[:, j]))], recordings[int(np.argmin(lacking[:, j]))]
+        raise RecordingError(
+            f"{first.path or 'one recording'} lacks the torque constant of {joints[j]}, {other.path or 'another'} "
+            f"needs none; state torque_constant of it in an actuators file, or use recordings of one kind together"
+        )
+    unknown = np.asarray(lacking[0])
     if not unknown.any():
         return None
     observed = observe(session.task, session.learned)
@@ -319,21 +329,32 @@ def find_gains(session: Session, progress: Progress | None = None) -> TorqueCons
         Gain(robot.joints[j], float(value[j]), float(value[j] * std[j]), _constant_unit(robot, j))
         for j in np.flatnonzero(unknown).tolist()
     )
-    notes = tuple(_constant_notes(robot, gains, std[unknown], anchors, constants.described))
-    return TorqueConstants(gains, value, covariance, notes, tuple(_flags(robot, std, constants)), constants.described)
-
-
-def _unknown_joints(recordings: Sequence[Recording]) -> Mask:
-    """(n,) joints whose torque constant is not known, in all recordings alike."""
-    joints = same_joints(recordings)
-    lacking = np.array([np.zeros(len(joints), bool) if r.scaled is None else ~r.scaled for r in recordings])
-    for j in np.flatnonzero(lacking.any(axis=0) & ~lacking.all(axis=0)).tolist():
-        one, other = recordings[int(np.argmax(lacking[:, j]))], recordings[int(np.argmin(lacking[:, j]))]
-        raise RecordingError(
-            f"{one.path or 'one recording'} lacks the torque constant of {joints[j]}, {other.path or 'another'} needs "
-            f"none; state torque_constant of it in an actuators file, or use recordings of one kind together"
+    stds = zip(gains, std[unknown], strict=True)
+    values = [f"{joint} {k:.3g} {unit} (+- {100 * s:.2g} %)" for (joint, k, _, unit), s in stds]
+    sentences = [f"unknown torque constants were found from the motion: {shorten(values)}"]
+    if anchors.any():
+        sentences.append(
+            f"torque constants rest on the torque of {_names(robot, anchors)}, which depends on the same inertials"
         )
-    return np.asarray(lacking[0])
+    if constants.described:
+        more = "also " if anchors.any() else ""
+        sentences.append(
+            f"torque constants rest {more}on the inertials that the description states, taken to be right to "
+            f"{100 * INERTIAL_ERROR:.0f} % a link"
+        )
+    sentences.append("standard deviations of parameters include the common uncertainty of these torque constants")
+    flags = []
+    if not constants.settled:
+        flags.append(
+            f"signs and torque constants still changed in the last of {MAX_CONSTANT_ROUNDS} rounds: either may be "
+            f"wrong; state torque_constant in an actuators file"
+        )
+    if rough := [f"{robot.joints[j]} ({100 * std[j]:.0f} %)" for j in np.flatnonzero(std > ROUGH_CONSTANT_STD)]:
+        flags.append(
+            f"torque constants are known only roughly, of {shorten(rough)}: parameters there may be off by as much; "
+            f"state torque_constant in an actuators file"
+        )
+    return TorqueConstants(gains, value, covariance, tuple(sentences), tuple(flags), constants.described)
 
 
 def _alternate(session: Session, observed: Observations, unknown: Mask, progress: Progress | None) -> Constants:
@@ -395,30 +416,3 @@ def _constant_unit(robot: Robot, joint: int) -> str:
 
 def _names(robot: Robot, joints: Mask) -> str:
     return shorten([robot.joints[j] for j in np.flatnonzero(joints)])
-
-
-def _constant_notes(robot: Robot, gains: Sequence[Gain], std: Array, anchors: Mask, described: bool) -> Iterator[str]:
-    values = [f"{joint} {k:.3g} {unit} (+- {100 * s:.2g} %)" for (joint, k, _, unit), s in zip(gains, std, strict=True)]
-    yield f"unknown torque constants were found from the motion: {shorten(values)}"
-    if anchors.any():
-        yield f"torque constants rest on the torque of {_names(robot, anchors)}, which depends on the same inertials"
-    if described:
-        more = "also " if anchors.any() else ""
-        yield (
-            f"torque constants rest {more}on the inertials that the description states, taken to be right to "
-            f"{100 * INERTIAL_ERROR:.0f} % a link"
-        )
-    yield "standard deviations of parameters include the common uncertainty of these torque constants"
-
-
-def _flags(robot: Robot, std: Array, constants: Constants) -> Iterator[str]:
-    if not constants.settled:
-        yield (
-            f"signs and torque constants still changed in the last of {MAX_CONSTANT_ROUNDS} rounds: either may be "
-            f"wrong; state torque_constant in an actuators file"
-        )
-    if rough := [f"{robot.joints[j]} ({100 * std[j]:.0f} %)" for j in np.flatnonzero(std > ROUGH_CONSTANT_STD)]:
-        yield (
-            f"torque constants are known only roughly, of {shorten(rough)}: parameters there may be off by as much; "
-            f"state torque_constant in an actuators file"
-        )

@@ -63,11 +63,39 @@ class Fleet(Result):
         for one in sorted(self.outcomes, key=_moment):
             if one.summary.numbers or one.summary.verdict:
                 groups.setdefault((one.entry.name, one.entry.task, one.summary.kind), []).append(one)
+        robots: list[dict[str, Any]] = []
+        for name, sessions in self.robots:
+            latest = _latest(sessions)
+            robots.append(
+                {
+                    "name": name,
+                    "kind": latest.summary.kind,
+                    "sessions": [one.entry.session for one in sessions],
+                    "latest": latest.entry.session,
+                    **_fields_of(latest.entry, "time task"),
+                    **_fields_of(latest.summary, "mismatch joint left explained verdict"),
+                    "causes": [cause.name for cause in latest.summary.causes],
+                    "lacks": [finding_headline(cause.named) for cause in latest.summary.causes],
+                    "undone": sum(not one.done for one in sessions),
+                }
+            )
         return {
             "schema": FLEET_SCHEMA,
-            "robots": [_robot(name, sessions) for name, sessions in self.robots],
+            "robots": robots,
             **change_document(list(groups.values())),
-            "sessions": [_session(outcome) for outcome in self.outcomes],
+            "sessions": [
+                {
+                    **_fields_of(outcome.entry, "session name robot task time"),
+                    "recordings": list(outcome.entry.recordings),
+                    "state": UNDONE_STATE if not outcome.done else MARKED if outcome.code == FLAGGED else "done",
+                    "said": list(outcome.said),
+                    "folder": f"sessions/{outcome.entry.session}" if outcome.done else None,
+                    "files": list(outcome.files),
+                    **_fields_of(outcome.summary, "mismatch joint left verdict"),
+                    "causes": [cause.name for cause in outcome.summary.causes],
+                }
+                for outcome in self.outcomes
+            ],
             "inputs": [self.manifest._asdict()],
             "seed": self.seed,
             "version": __version__,
@@ -87,34 +115,6 @@ def _latest(sessions: Sequence[Outcome]) -> Outcome:
 def _fields_of(source: object, keys: str) -> Mapping[str, Any]:
     """Some fields of a session, or of its summary."""
     return {key: getattr(source, key) for key in keys.split()}
-
-
-def _robot(name: str, sessions: Sequence[Outcome]) -> dict[str, Any]:
-    latest = _latest(sessions)
-    return {
-        "name": name,
-        "kind": latest.summary.kind,
-        "sessions": [one.entry.session for one in sessions],
-        "latest": latest.entry.session,
-        **_fields_of(latest.entry, "time task"),
-        **_fields_of(latest.summary, "mismatch joint left explained verdict"),
-        "causes": [cause.name for cause in latest.summary.causes],
-        "lacks": [finding_headline(cause.named) for cause in latest.summary.causes],
-        "undone": sum(not one.done for one in sessions),
-    }
-
-
-def _session(outcome: Outcome) -> dict[str, Any]:
-    return {
-        **_fields_of(outcome.entry, "session name robot task time"),
-        "recordings": list(outcome.entry.recordings),
-        "state": UNDONE_STATE if not outcome.done else MARKED if outcome.code == FLAGGED else "done",
-        "said": list(outcome.said),
-        "folder": f"sessions/{outcome.entry.session}" if outcome.done else None,
-        "files": list(outcome.files),
-        **_fields_of(outcome.summary, "mismatch joint left verdict"),
-        "causes": [cause.name for cause in outcome.summary.causes],
-    }
 
 
 class Difference(NamedTuple):

@@ -170,7 +170,20 @@ def _of_texts(path: Path, content: bytes, layout: TextLayout) -> MemoryTable:
     except BROKEN as error:
         raise RecordingError(_shape_fault(path, content, layout)) from error
     frame = frame.with_columns(pl.all().str.strip_chars())
-    frame, notes = _samples(frame)
+    repeated = (
+        frame.select(pl.all_horizontal(pl.col(name) == name for name in frame.columns)).to_series().fill_null(False)
+    )
+    notes: tuple[str, ...] = (f"lines that repeat the header left out: {repeated.sum()}",) if repeated.any() else ()
+    frame = frame.filter(~repeated)
+    below = 0
+    while below < min(MOST_FOOTER, frame.height - 1):
+        first, *others = frame.row(frame.height - 1 - below)
+        if not first or is_number(first) or not others or any(others):
+            break
+        below += 1
+    if below:
+        notes += (f"lines of text below the samples left out: {below}",)
+    frame = frame.head(frame.height - below)
     numbered = [(text, match[2]) for text in frame if (match := NAME.fullmatch(text.name)) and text.n_unique() == 1]
     names = {number: str(text[0]) for text, number in numbered if text[0] and not is_number(text[0])}
     ends = {column: re.fullmatch(r"(.*?[_.\[])(\d+)\]?", column) for column in frame.columns}
@@ -193,24 +206,6 @@ def _of_texts(path: Path, content: bytes, layout: TextLayout) -> MemoryTable:
         else:
             unusable[text.name] = f"holds {text[wrong[0]]!r} in row {wrong[0] + 1}, expected a number or nothing"
     return MemoryTable(usable, unusable, str(path), About((*layout.notes, *notes)))
-
-
-def _samples(frame: pl.DataFrame) -> tuple[pl.DataFrame, tuple[str, ...]]:
-    """Rows without those that repeat the header and those of text at the end, and notes."""
-    repeated = (
-        frame.select(pl.all_horizontal(pl.col(name) == name for name in frame.columns)).to_series().fill_null(False)
-    )
-    notes: tuple[str, ...] = (f"lines that repeat the header left out: {repeated.sum()}",) if repeated.any() else ()
-    frame = frame.filter(~repeated)
-    below = 0
-    while below < min(MOST_FOOTER, frame.height - 1):
-        first, *others = frame.row(frame.height - 1 - below)
-        if not first or is_number(first) or not others or any(others):
-            break
-        below += 1
-    if below:
-        notes += (f"lines of text below the samples left out: {below}",)
-    return frame.head(frame.height - below), notes
 
 
 def _seconds_of_dates(column: pl.Series) -> Array | None:

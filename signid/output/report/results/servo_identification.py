@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from math import isfinite, nan
 from typing import TYPE_CHECKING, Any
 
@@ -179,7 +179,22 @@ def servo_identification_page(result: ServoIdentification, inputs: Sequence[Inpu
     over = f"identification of {result.robot.name}: position drives from commands and positions, without torque"
     kind = "unreliable" if poor_joints(result.rollout, result.far) else ""
     title = f"{result.robot.name}: {plural(len(result.joints), 'position drive')}"
-    header = Header(title, over, list(_cards(result)), kind, _headline(result))
+    cards = []
+    found = result.rollout
+    for j in worst_joints(found)[:1] if len(found.joints) > 1 else ():
+        unit, tracking = found.units[j], float(found.tracking_rms[j])
+        part = f"{share(float(found.whole_rms[j]) / tracking)} of its tracking error" if tracking > 0 else ""
+        cards.append(
+            Card(f"worst joint: {found.joints[j]}", f"{thousandths(float(found.whole_rms[j]))} m{unit} rms", part)
+        )
+    short = all_joints(found, found.one_second_rms)
+    size = ", ".join(f"{thousandths(rms, 2)} m{unit}" for unit, rms in short.items())
+    cards.append(Card("restarted from the measured state every second", f"{size} rms", "position error of all joints"))
+    if found.nominal != IDEAL_LOOP:
+        size = ", ".join(f"{thousandths(x, 2)} m{u}" for u, x in all_joints(found, found.nominal_whole_rms).items())
+        cards.append(Card(found.nominal, f"{size} rms", "whole recordings"))
+    cards.append(Card("scale of torque and mass", result.scale.known_by, "positions alone give ratios"))
+    header = Header(title, over, cards, kind, _headline(result))
     content = shared(result, [result.robot], inputs, command)
     left = {"notes": _unsaid(result, result.notes), "flags": _unsaid(result, result.flags)}
     return sections_page(header, _sections(result, pages=True), content | left)
@@ -284,22 +299,6 @@ def loop_cells(found: ServoRollOut, j: int) -> list[str]:
 def loop_units(found: ServoRollOut) -> str:
     """Units of position errors in tables."""
     return " or ".join(dict.fromkeys(f"m{unit}" for unit in found.units))
-
-
-def _cards(result: ServoIdentification) -> Iterator[Card]:
-    """Key figures beside those of the headline."""
-    found = result.rollout
-    for j in worst_joints(found)[:1] if len(found.joints) > 1 else ():
-        unit, tracking = found.units[j], float(found.tracking_rms[j])
-        part = f"{share(float(found.whole_rms[j]) / tracking)} of its tracking error" if tracking > 0 else ""
-        yield Card(f"worst joint: {found.joints[j]}", f"{thousandths(float(found.whole_rms[j]))} m{unit} rms", part)
-    short = all_joints(found, found.one_second_rms)
-    size = ", ".join(f"{thousandths(rms, 2)} m{unit}" for unit, rms in short.items())
-    yield Card("restarted from the measured state every second", f"{size} rms", "position error of all joints")
-    if found.nominal != IDEAL_LOOP:
-        size = ", ".join(f"{thousandths(x, 2)} m{u}" for u, x in all_joints(found, found.nominal_whole_rms).items())
-        yield Card(found.nominal, f"{size} rms", "whole recordings")
-    yield Card("scale of torque and mass", result.scale.known_by, "positions alone give ratios")
 
 
 def _numbers(joints: Sequence[ServoJoint], named: bool) -> Cells:
