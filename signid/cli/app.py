@@ -133,7 +133,11 @@ def _expanded(function: Callable[..., int]) -> Callable[..., int]:
     groups: dict[str, tuple[type[Any], tuple[str, ...]]] = {}
     for parameter in signature(function, eval_str=True).parameters.values():
         if is_dataclass(parameter.annotation) and isinstance(parameter.annotation, type):
-            options = _parameters(parameter.annotation)
+            options, hints = list[Parameter](), get_type_hints(parameter.annotation, include_extras=True)
+            for item in fields(parameter.annotation):
+                default = Parameter.empty if item.default is MISSING else item.default
+                kind = Annotated[hints[item.name], item.metadata["option"]] if item.metadata else hints[item.name]
+                options.append(Parameter(item.name, Parameter.KEYWORD_ONLY, default=default, annotation=kind))
             groups[parameter.name] = parameter.annotation, tuple(option.name for option in options)
             flat += options
         else:
@@ -175,15 +179,6 @@ def bounded(option: str, value: float, most: float = MAX_MAGNITUDE) -> float:
             f"{option} is {value:.6g}; give 0 or a finite magnitude between {MIN_MAGNITUDE:.0e} and {most:.3g}"
         )
     return value
-
-
-def _parameters(group: type[Any]) -> list[Parameter]:
-    parameters, hints = list[Parameter](), get_type_hints(group, include_extras=True)
-    for item in fields(group):
-        default = Parameter.empty if item.default is MISSING else item.default
-        kind = Annotated[hints[item.name], item.metadata["option"]] if item.metadata else hints[item.name]
-        parameters.append(Parameter(item.name, Parameter.KEYWORD_ONLY, default=default, annotation=kind))
-    return parameters
 
 
 def complete_robot(incomplete: str) -> list[str]:

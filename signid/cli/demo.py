@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -98,7 +98,20 @@ class Story(Frozen):
     @property
     def flags(self) -> tuple[str, ...]:
         """Flags of the diagnosis, and wrong findings."""
-        return (*self.result.flags, *_misses(self.outcomes, self.result))
+        misses: list[str] = []
+        for law, kind, finding, probability in self.outcomes:
+            concealed = f"{law_name(law, self.result.robot)} was concealed"
+            if kind == MISSED_LAW:
+                misses.append(f"{concealed} and missed")
+            if kind == RIVAL_LAW and finding is not None:
+                beside = law_name(finding.law, self.result.robot)
+                misses.append(
+                    f"{concealed} and named only as an alternative to {beside}, with probability {probability:.3f}"
+                )
+        for cause in self.result.causes:
+            if not any(cause is outcome.finding for outcome in self.outcomes):
+                misses.append(f"{law_name(cause.law, self.result.robot)} was named but not concealed")
+        return (*self.result.flags, *misses)
 
 
 def demo(robot: Robot, folder: str | Path, *, seed: int = 0, progress: Progress | None = None) -> Story:
@@ -160,20 +173,6 @@ def take_arm(robot: Robot) -> Robot:
     if forks and 2 * forks[-1] > len(limb):
         limb = limb[: forks[-1]]
     return hold(robot, resting(robot, but=[at[i] for i in limb]))
-
-
-def _misses(outcomes: tuple[LawOutcome, ...], result: Diagnosis) -> Iterator[str]:
-    """Yield a sentence for each law that was missed or named without being concealed."""
-    for law, kind, finding, probability in outcomes:
-        concealed = f"{law_name(law, result.robot)} was concealed"
-        if kind == MISSED_LAW:
-            yield f"{concealed} and missed"
-        if kind == RIVAL_LAW and finding is not None:
-            beside = law_name(finding.law, result.robot)
-            yield f"{concealed} and named only as an alternative to {beside}, with probability {probability:.3f}"
-    for cause in result.causes:
-        if not any(cause is outcome.finding for outcome in outcomes):
-            yield f"{law_name(cause.law, result.robot)} was named but not concealed"
 
 
 def _outcome(law: Law, result: Diagnosis) -> LawOutcome:
@@ -268,28 +267,29 @@ def story_document(story: Story, name: str) -> dict[str, Any]:
     """Build demo.json: concealed laws, findings and validation; `name` is the robot as given on the command line."""
     result, robot = story.result, story.simulation.robot
     before, after = result.rollout_before, result.rollout_after
+    concealed: list[dict[str, Any]] = []
+    for outcome in story.outcomes:
+        arm, (law, kind, finding, probability) = story.simulation.robot, outcome
+        concealed.append(
+            {
+                "effect": law.effect.name,
+                "joint": law_place(law, arm)[0],
+                "outcome": kind,
+                "probability": probability,
+                "alternative_to": law_name(finding.law, arm) if finding and not outcome.found else None,
+                "parameters": _numbers(story, outcome),
+            }
+        )
     return {
         "schema": "signid.demo/1",
         "robot": robot.name,
         "joints": list(robot.joints),
         "recordings": {"duration": SECONDS, "rate": HERTZ, "encoder_bits": BITS, "torque_noise": NOISE_SHARE},
         "verdict": result.verdict,
-        "concealed": [_concealed(story, outcome) for outcome in story.outcomes],
+        "concealed": concealed,
         "fit": {"before": fit_with_errors(result.before), "after": fit_with_errors(result.after)},
         "rollout": None if before is None or after is None else after.document(before),
         "flags": list(story.flags),
         "notes": list(result.notes),
         **provenance(result.inputs, [Input(readable(name), robot.sha256, "description")], story.seed),
-    }
-
-
-def _concealed(story: Story, outcome: LawOutcome) -> dict[str, Any]:
-    robot, (law, kind, finding, probability) = story.simulation.robot, outcome
-    return {
-        "effect": law.effect.name,
-        "joint": law_place(law, robot)[0],
-        "outcome": kind,
-        "probability": probability,
-        "alternative_to": law_name(finding.law, robot) if finding and not outcome.found else None,
-        "parameters": _numbers(story, outcome),
     }

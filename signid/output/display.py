@@ -45,7 +45,25 @@ def text(result: Any) -> str:
     shown = tables(result)
     flags = [line for flag in _flags(result, shown) for line in _lines(Text(f"flag: {flag}"))]
     last = [line for names in _names(result) for line in _lines(Text(names))]
-    return "\n".join([*_shortened([*_sections(shown), flags], MAX_LINES - len(last)), *last])
+    found: list[list[str]] = [[]]
+    for line in (line for block in shown for line in _lines(block)):
+        if not line and found[-1]:
+            found.append([])
+        found[-1] += [line] if line or len(found) > 1 else []
+    sections, most = [*found, flags], MAX_LINES - len(last)
+    limits = [len(section) for section in sections]
+    if sum(limits) > most:
+        aside = ["".join(lines[1:2]).startswith(SHORTENED_FIRST) for lines in sections]  # headings below a blank line
+        limits = [min(n, MIN_SECTION_LINES) if small else n for n, small in zip(limits, aside, strict=True)]
+    while sum(limits) > most and max(limits) > MIN_SECTION_LINES:
+        limits[max(range(len(limits)), key=lambda k: (limits[k], k))] -= 1
+    printed: list[str] = []
+    for section, limit in zip(sections, limits, strict=True):
+        hidden = len(section) - limit + 1
+        printed += section if len(section) <= limit else [*section[: limit - 1], f"... and {hidden} more lines"]
+    if len(printed) > most:
+        printed[most - 1 :] = [f"... and {len(printed) - most + 1} more lines"]
+    return "\n".join([*printed, *last])
 
 
 def html(result: Any) -> str:
@@ -68,16 +86,6 @@ def _names(result: Any) -> list[str]:
     return [f"tables, to_frame(name): {', '.join(names)}"] if (names := frame_names(result)) else []
 
 
-def _sections(blocks: Iterable[RenderableType]) -> list[list[str]]:
-    """Lines of blocks; a section begins at a blank line, which headings have above them."""
-    found: list[list[str]] = [[]]
-    for line in (line for block in blocks for line in _lines(block)):
-        if not line and found[-1]:
-            found.append([])
-        found[-1] += [line] if line or len(found) > 1 else []
-    return found
-
-
 def _lines(block: RenderableType) -> list[str]:
     # force_jupyter: in a notebook, rich would show each block as an output of its own
     console = Console(
@@ -86,21 +94,6 @@ def _lines(block: RenderableType) -> list[str]:
     with console.capture() as shown:
         console.print(block)
     return [line.rstrip() for line in shown.get().splitlines()]
-
-
-def _shortened(sections: Sequence[Sequence[str]], most: int) -> list[str]:
-    """At most `most` lines: side matters are cut, then the longest sections, finally the last ones."""
-    limits = [len(section) for section in sections]
-    if sum(limits) > most:
-        aside = ["".join(lines[1:2]).startswith(SHORTENED_FIRST) for lines in sections]  # headings below a blank line
-        limits = [min(n, MIN_SECTION_LINES) if small else n for n, small in zip(limits, aside, strict=True)]
-    while sum(limits) > most and max(limits) > MIN_SECTION_LINES:
-        limits[max(range(len(limits)), key=lambda k: (limits[k], k))] -= 1
-    shown: list[str] = []
-    for section, limit in zip(sections, limits, strict=True):
-        hidden = len(section) - limit + 1
-        shown += section if len(section) <= limit else [*section[: limit - 1], f"... and {hidden} more lines"]
-    return shown if len(shown) <= most else [*shown[: most - 1], f"... and {len(shown) - most + 1} more lines"]
 
 
 def _element(block: RenderableType) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from typing import NamedTuple
@@ -254,7 +254,13 @@ def _uncertain(source: str, robot: Robot, joints: Sequence[int]) -> tuple[str, .
         return ()
     ids = [robot.model.getJointId(name) for name in robot.joints]
     parents = [[ids.index(k) for k in list(robot.model.supports[i])[:-1] if k in ids] for i in ids]  # nearest last
-    rivals = [rival for rival in _chains(robot, parents, len(joints)) if set(rival) != set(joints)]
+    chains: list[tuple[int, ...]] = []
+    count = len(joints)
+    for start in range(len(robot.joints) - count + 1):
+        run = tuple(range(start, start + count))
+        if _is_chain(run, parents) and all(_kind(robot, parents, j) == ARM for j in run):
+            chains.append(run)
+    rivals = [rival for rival in chains if set(rival) != set(joints)]
     kinds = {_kind(robot, parents, j) for j in joints}
     if not rivals or (kinds == {ARM} and _is_chain(joints, parents)):
         return ()
@@ -294,14 +300,6 @@ def _is_chain(joints: Sequence[int], parents: Sequence[Sequence[int]]) -> bool:
     """Whether the joints form a serial chain."""
     order = sorted(joints, key=lambda j: len(parents[j]))
     return all(set(order[:k]) <= set(parents[j]) for k, j in enumerate(order))
-
-
-def _chains(robot: Robot, parents: Sequence[Sequence[int]], count: int) -> Iterator[tuple[int, ...]]:
-    """Serial chains of `count` arm joints that are consecutive in the description."""
-    for start in range(len(robot.joints) - count + 1):
-        run = tuple(range(start, start + count))
-        if _is_chain(run, parents) and all(_kind(robot, parents, j) == ARM for j in run):
-            yield run
 
 
 class Noticed(NamedTuple):
@@ -407,17 +405,6 @@ def _velocity_unit(pairs: Sequence[tuple[Array, Array]], t: Array, slides: bool)
     return Noticed(best, f"positions change by {ratio:.3g} of it")
 
 
-def _duty_unit(values: Iterable[Array]) -> Noticed | None:
-    """Scale of the registers of duties; None where they are duties themselves."""
-    most = max((_most(signed_register(x)) for x in values), default=0.0)
-    if most <= DUTY:
-        return None
-    scale = next((full for full in REGISTERS if most <= full * (1 + 1e-9)), most)
-    how = ", read as unsigned numbers of 16 bits" if any(bool(np.any(x > TURN / 2)) for x in values) else ""
-    why = f"reaches {most:.4g}{how}: a full duty of {scale:.4g} is assumed, CHECK"
-    return Noticed("%" if scale == 100 else Change(1.0 / scale), why)
-
-
 def _most(x: Array) -> float:
     return float(np.nanmax(np.abs(x), initial=0.0))
 
@@ -450,7 +437,16 @@ def noticed_units(
         elif kind == "ddq":
             unit = Noticed(base, "assumed")
         elif kind == "pwm":
-            unit = _duty_unit(group.values()) or unit
+            values = group.values()
+            most = max((_most(signed_register(x)) for x in values), default=0.0)
+            if most <= DUTY:
+                duty = None
+            else:
+                scale = next((full for full in REGISTERS if most <= full * (1 + 1e-9)), most)
+                how = ", read as unsigned numbers of 16 bits" if any(bool(np.any(x > TURN / 2)) for x in values) else ""
+                why = f"reaches {most:.4g}{how}: a full duty of {scale:.4g} is assumed, CHECK"
+                duty = Noticed("%" if scale == 100 else Change(1.0 / scale), why)
+            unit = duty or unit
         elif "tau" in kind:
             percent, load = any("%" in guesses[j].column for j in group), any(guesses[j].load for j in group)
             unit = Noticed(base, "assumed")

@@ -77,12 +77,35 @@ def open_files(source: Source | Files, topics: Sequence[str], mapping: ParsedCol
         return Joined(open_source(source.paths[0], topics, mapping.heading), mapping)
     notes: list[str] = []
     flags: list[str] = []
-    timed = in_one_unit([read_times(opened, mapping, notes) for opened in _opened(source, topics, mapping)], notes)
+    paths = [Path(path) for path in source.paths]
+    if twice := next(
+        (path for k, path in enumerate(paths) if path.resolve() in [p.resolve() for p in paths[:k]]), None
+    ):
+        raise OptionError(f"{twice} is given twice; give each file of the log once")
+    with_topics = [path.exists() and type(find_format(path)).select is not Format.select for path in paths]
+    if topics and not any(with_topics):
+        raise OptionError(f"none of {shorten([str(path) for path in paths])} has topics; remove --topic")
+    opened_files = []
+    for path, has in zip(paths, with_topics, strict=True):
+        opened = open_source(path, topics if has else (), mapping.heading)
+        require_memory(path, 24.0 * opened.table.rows * len(opened.table.columns), "join shorter files")
+        opened_files.append(opened)
+    timed = in_one_unit([read_times(opened, mapping, notes) for opened in opened_files], notes)
     named = name_columns(timed, mapping, notes)
     base = next((k for k, columns in enumerate(named) if any(column.kind == "q" for column in columns)), 0)
     order = [base, *(k for k in range(len(timed)) if k != base)]
     parts = [_Part.read(timed[k], named[k]) for k in order]
-    offsets = _stated(source, [part.file for part in parts])
+    places = [part.file.opened.path for part in parts]
+    offsets: dict[int, float] = {}  # stated ones [s], relative to the first part
+    for file_name, seconds in source.offsets.items():
+        matching = [k for k, place in enumerate(places) if Path(place) == Path(file_name)]
+        matching = matching or [k for k, place in enumerate(places) if Path(place).name == file_name]
+        if len(matching) != 1:
+            fault = "is none of the files" if not matching else "is the name of several files"
+            raise OptionError(f"--offset {file_name}={seconds:g}: {file_name} {fault}; give one of {shorten(places)}")
+        offsets[matching[0]] = seconds
+    if offsets and (first_offset := offsets.pop(0, 0.0)):
+        offsets = {k: offsets.get(k, 0.0) - first_offset for k in range(1, len(parts))}
     files = [_aligned(parts, k, offsets, source.align, notes, flags) for k in range(1, len(parts))]
     for k, file in enumerate(files, 1):
         parts[k] = parts[k].moved(file.offset)
@@ -124,43 +147,6 @@ class _Part(NamedTuple):
                 known = np.isfinite(values)
                 tracks[column.kind, column.joint] = Readings(t[known], values[known])
         return tracks
-
-
-def _opened(source: Files, topics: Sequence[str], mapping: ParsedColumns) -> list[Opened]:
-    paths = [Path(path) for path in source.paths]
-    if twice := next(
-        (path for k, path in enumerate(paths) if path.resolve() in [p.resolve() for p in paths[:k]]), None
-    ):
-        raise OptionError(f"{twice} is given twice; give each file of the log once")
-    with_topics = [path.exists() and type(find_format(path)).select is not Format.select for path in paths]
-    if topics and not any(with_topics):
-        raise OptionError(f"none of {shorten([str(path) for path in paths])} has topics; remove --topic")
-    opened_files = []
-    for path, has in zip(paths, with_topics, strict=True):
-        opened = open_source(path, topics if has else (), mapping.heading)
-        require_memory(path, 24.0 * opened.table.rows * len(opened.table.columns), "join shorter files")
-        opened_files.append(opened)
-    return opened_files
-
-
-def _stated(source: Files, files: Sequence[Timed]) -> dict[int, float]:
-    """Stated offsets [s] by file, relative to the first of `files`.
-
-    Raises:
-        OptionError: an offset of no file, or of two.
-    """
-    offsets: dict[int, float] = {}
-    for file_name, seconds in source.offsets.items():
-        paths = [file.opened.path for file in files]
-        matching = [k for k, path in enumerate(paths) if Path(path) == Path(file_name)]
-        matching = matching or [k for k, path in enumerate(paths) if Path(path).name == file_name]
-        if len(matching) != 1:
-            fault = "is none of the files" if not matching else "is the name of several files"
-            raise OptionError(f"--offset {file_name}={seconds:g}: {file_name} {fault}; give one of {shorten(paths)}")
-        offsets[matching[0]] = seconds
-    if offsets and (first_offset := offsets.pop(0, 0.0)):
-        offsets = {k: offsets.get(k, 0.0) - first_offset for k in range(1, len(files))}
-    return offsets
 
 
 def _aligned(
@@ -318,7 +304,15 @@ def read_times(opened: Opened, mapping: ParsedColumns, notes: list[str]) -> Time
     name, table = opened.name, opened.table
     if not table.rows:
         raise RecordingError(f"{name} has columns but no samples; record the robot in motion")
-    column, unit, mapped = _time_column(opened, mapping)
+    signals = list(own_columns(mapping, opened).signals(table.columns, name))
+    guesses = (meant for column in table.columns if (meant := guess(column)) and meant.kind == "t")
+    if stated := next((signal for signal in signals if signal.logical == "t"), None):
+        column, unit, mapped = stated.column, stated.unit, stated.mapped
+    elif time := next(guesses, None):
+        column, unit, mapped = time.column, time.unit, False
+    else:
+        advice = 'name it in a column map (--columns): t = "NAME"'
+        raise RecordingError(f"{name} has no column of time; it has {shorten(table.columns, 12)}; {advice}")
     if mapping.heading.rate is None and not mapped:
         ask_for_time(table, column, {column for column in table.columns if split(column)}, name)
     raw = table.read([column], 0, table.rows)[:, 0]
@@ -365,19 +359,6 @@ def in_one_unit(files: Sequence[Timed], notes: list[str]) -> list[Timed]:
             file = file._replace(t=t[fresh], rows=file.rows[fresh], seconds=file.seconds[fresh] / times)
         files_in_unit.append(file)
     return files_in_unit
-
-
-def _time_column(opened: Opened, mapping: ParsedColumns) -> tuple[str, str, bool]:
-    """Column of time, its unit as its name or the map states it, and whether the map names it."""
-    columns = opened.table.columns
-    signals = list(own_columns(mapping, opened).signals(columns, opened.name))
-    if stated := next((signal for signal in signals if signal.logical == "t"), None):
-        return stated.column, stated.unit, stated.mapped
-    guesses = (meant for column in columns if (meant := guess(column)) and meant.kind == "t")
-    if time := next(guesses, None):
-        return time.column, time.unit, False
-    advice = 'name it in a column map (--columns): t = "NAME"'
-    raise RecordingError(f"{opened.name} has no column of time; it has {shorten(columns, 12)}; {advice}")
 
 
 def _change(raw: Array, named: str, name: str, column: str, mapping: ParsedColumns, notes: list[str]) -> Change:
@@ -431,7 +412,23 @@ def name_columns(files: Sequence[Timed], mapping: ParsedColumns, notes: list[str
         columns.append([_named(signal, own.get(signal.column), stem, mapping) for signal in signals[k]])
         if own:
             notes.append(f"{file.name}: columns without a joint in their names are those of the joint {stem}")
-    return _distinct(files, columns)
+    first: dict[str, tuple[Timed, str]] = {}
+    for file, group in zip(files, columns, strict=True):
+        for column in group:
+            for key in (f"{column.kind}_{column.joint}",) if column.kind else ():
+                if key in first and first[key][0] is not file:
+                    both = f"{first[key][0].name} and {file.name} both have the signal {key}"
+                    names = f"columns {first[key][1]!r} and {column.column!r}"
+                    raise RecordingError(f"{both} ({names}); leave it out of one file, or rename its joint")
+                first[key] = file, column.column
+    all_names = [column.name for group in columns for column in group]
+    return [
+        [
+            column._replace(name=f"{column.name} of {stem}") if all_names.count(column.name) > 1 else column
+            for column in group
+        ]
+        for group, stem in zip(columns, stems(files), strict=True)
+    ]
 
 
 def _without_joint(column: str) -> Guess | None:
@@ -464,24 +461,3 @@ def _wrap(kind: str, unit: str, mapping: ParsedColumns, map_unit: str | Change |
     stated = map_unit or mapping.units.get(kind) or unit or "rad"
     change = stated if isinstance(stated, Change) else change_of(stated, kind, None, "the column map")
     return WRAP * change.over / abs(change.scale) if change.scale else float("inf")
-
-
-def _distinct(files: Sequence[Timed], columns: list[list[NamedColumn]]) -> list[list[NamedColumn]]:
-    """Columns with different names: the same signal twice is an error, other columns get the name of their file."""
-    first: dict[str, tuple[Timed, str]] = {}
-    for file, group in zip(files, columns, strict=True):
-        for column in group:
-            for key in (f"{column.kind}_{column.joint}",) if column.kind else ():
-                if key in first and first[key][0] is not file:
-                    both = f"{first[key][0].name} and {file.name} both have the signal {key}"
-                    names = f"columns {first[key][1]!r} and {column.column!r}"
-                    raise RecordingError(f"{both} ({names}); leave it out of one file, or rename its joint")
-                first[key] = file, column.column
-    all_names = [column.name for group in columns for column in group]
-    return [
-        [
-            column._replace(name=f"{column.name} of {stem}") if all_names.count(column.name) > 1 else column
-            for column in group
-        ]
-        for group, stem in zip(columns, stems(files), strict=True)
-    ]

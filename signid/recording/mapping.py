@@ -320,22 +320,25 @@ def revised_map(
                 if not any(name.startswith("abs_") for name in names):
                     current = kind == "tau" and names[1].startswith("current_")
                     key = key or f"{'current' if current else kind}_{joint}"
-                    entries[key] = entry(key, column, _changed(parsed, key, column, turned[joint]))
+                    turn = turned[joint]
+                    change, meaning = parsed.own.get(key, ""), split(key)[0][0]
+                    unit = parsed.units.get(meaning, "") or bracketed(column)[1]
+                    if not isinstance(change, Change):
+                        change = (
+                            change_of(change or unit, meaning, False, f"column map: {key}")
+                            if change or unit
+                            else Change()
+                        )
+                    shift = turn.zero if meaning in SHIFTED else 0.0
+                    entries[key] = entry(
+                        key, column, Change(turn.sign * change.scale, change.over, turn.sign * change.offset + shift)
+                    )
     lines = [*heading_lines(parsed.heading), *entries.values()]
     lines += [f"joints = {quoted('*'.join(parsed.pattern))}"] if parsed.pattern else []
     tokens = {joint: token for token, joint in parsed.joints.items()}
     for title, table in (("joints", tokens), ("units", parsed.units)):
         lines += [f"\n[{title}]", *(f"{key_of(key)} = {quoted(text)}" for key, text in table.items())] if table else []
     return "\n".join(lines) + "\n"
-
-
-def _changed(parsed: ParsedColumns, key: str, column: str, turned: Turned) -> Change:
-    change, kind = parsed.own.get(key, ""), split(key)[0][0]
-    unit = parsed.units.get(kind, "") or bracketed(column)[1]
-    if not isinstance(change, Change):
-        change = change_of(change or unit, kind, False, f"column map: {key}") if change or unit else Change()
-    shift = turned.zero if kind in SHIFTED else 0.0
-    return Change(turned.sign * change.scale, change.over, turned.sign * change.offset + shift)
 
 
 def entry(key: str, column: str, stated: str | Change) -> str:

@@ -159,18 +159,6 @@ def pair_in_order(guesses: Sequence[Guess], signals: Mapping[str, Guess], robot:
             yield key, column
 
 
-def _by_pattern(tokens: Sequence[str], joints: Sequence[str]) -> dict[str, str]:
-    """Joints by names that have the same prefix and suffix around those of joints; empty without any."""
-    around: dict[tuple[str, str], dict[str, str]] = {}
-    for token in tokens:
-        for joint in joints:
-            before, match, behind = token.partition(joint)
-            if match and not before[-1:].isalnum() and not behind[:1].isalnum():
-                around.setdefault((before, behind), {})[token] = joint
-    best = max(around.values(), key=len, default={})
-    return best if len(best) > 1 or len(joints) == 1 else {}
-
-
 def _by_words(column: str, known: Collection[str]) -> Guess | None:
     """Guess by the words of a name that is not one of a signal."""
     joint, rest_of_name = _named_joint(column, known)
@@ -259,7 +247,15 @@ def _joints_of(guesses: Sequence[Guess], robot: Robot, zero: bool) -> dict[str, 
     sure |= {column.joint: numbers[column.joint] for column in guesses if column.plain and column.joint in numbers}
     rest = [token for token in tokens if token not in sure]
     lacking = [joint for joint in robot.joints if joint not in sure.values()]
-    return sure | (_by_pattern(rest, lacking) or _match_names(rest, lacking, robot))
+    around: dict[tuple[str, str], dict[str, str]] = {}
+    for token in rest:
+        for joint in lacking:
+            before, match, behind = token.partition(joint)
+            if match and not before[-1:].isalnum() and not behind[:1].isalnum():
+                around.setdefault((before, behind), {})[token] = joint
+    best = max(around.values(), key=len, default={})
+    alike = best if len(best) > 1 or len(lacking) == 1 else {}
+    return sure | (alike or _match_names(rest, lacking, robot))
 
 
 def by_place_in_arm(tokens: Collection[str], robot: Robot) -> dict[str, str]:

@@ -405,7 +405,16 @@ def read_bare(
     if guessed:
         mapping = read_map(guessed, mapping.units, mapping.heading)
         signals = _signals(opened, mapping)
-    joints = _joints_of_names(opened, signals)
+    joints = _commanded(signals)
+    have = f"it has {shorten(opened.table.columns, 12)}"
+    advice = "name them in a column map (--columns), or give the description of the robot before the recording"
+    if "t" not in signals:
+        time = lacking_time(opened.table, {signal.column for name, signal in signals.items() if split(name)})
+        raise RecordingError(f"{opened.name} has no column 't' of time in seconds; {have}; {time}")
+    if not joints:
+        torque = any(name.startswith(tuple(f"{kind}_" for kind in TORQUES)) for name in signals)
+        also = "; a recording of torque needs a description: signid check ROBOT RECORDING" if torque else ""
+        raise RecordingError(f"{opened.name} has no joint J with both columns q_J and q_des_J; {have}; {advice}{also}")
     if mapping.heading.rate is None and not signals["t"].mapped:
         ask_for_time(opened.table, "t", {each.column for name, each in signals.items() if split(name)}, opened.name)
     columns_of_joints = {name: signal.column for name, signal in signals.items()}
@@ -463,22 +472,3 @@ def _guessed_columns(columns: Sequence[str]) -> dict[str, str | dict[str, str]]:
         entries.setdefault(key, {"column": guessed.column, "unit": guessed.unit} if guessed.unit else guessed.column)
     both = any(key.startswith("q_des_") and f"q_{key[6:]}" in entries for key in entries)
     return entries if both and "t" in entries else {}
-
-
-def _joints_of_names(opened: Opened, signals: Mapping[str, Signal]) -> tuple[str, ...]:
-    """Joints with a position and a command.
-
-    Raises:
-        RecordingError: there is none, or no time.
-    """
-    joints = _commanded(signals)
-    have = f"it has {shorten(opened.table.columns, 12)}"
-    advice = "name them in a column map (--columns), or give the description of the robot before the recording"
-    if "t" not in signals:
-        time = lacking_time(opened.table, {signal.column for name, signal in signals.items() if split(name)})
-        raise RecordingError(f"{opened.name} has no column 't' of time in seconds; {have}; {time}")
-    if not joints:
-        torque = any(name.startswith(tuple(f"{kind}_" for kind in TORQUES)) for name in signals)
-        also = "; a recording of torque needs a description: signid check ROBOT RECORDING" if torque else ""
-        raise RecordingError(f"{opened.name} has no joint J with both columns q_J and q_des_J; {have}; {advice}{also}")
-    return joints

@@ -81,7 +81,19 @@ def draft_reading(
             raise error  # which says what to write; there is no file to lie beside
         name = readable(" + ".join(map(str, source.paths)) if isinstance(source, Files) else str(source))
         raise UndecidedReading(f"{name}: lines of its reading are to be chosen: {', '.join(choices)}", drafted.text)
-    return Reading(drafted.text, tuple(_rows(drafted, robot, arm)))
+    rows: list[tuple[str, str, str, str]] = []
+    for joint, name in enumerate(("time", *robot.joints), -1):
+        lines = [line for line in drafted.lines if line.joint == joint and line.kind in LISTED_KINDS]
+        units, reasons = [str(line.noticed.unit) for line in lines], dict.fromkeys(line.noticed.why for line in lines)
+        if name in arm.values():
+            reasons["joint by its place in the arm"] = None
+        if any(line.kind.endswith("current") for line in lines):
+            constant = float(robot.actuators.torque_constant[joint])
+            fact = f"{constant:.4g}, stated" if constant == constant else "to be estimated"
+            reasons[f"torque constant {fact}"] = None
+        if lines:
+            rows.append((name, ", ".join(line.guess.column for line in lines), ", ".join(units), "; ".join(reasons)))
+    return Reading(drafted.text, tuple(rows))
 
 
 def _choices(drafted: DraftedMap, torque: bool) -> Iterator[str]:
@@ -94,20 +106,6 @@ def _choices(drafted: DraftedMap, torque: bool) -> Iterator[str]:
         if not (torque and kind in DRIVE):
             yield f"check the unit of {kind} ({line.noticed.why.removesuffix(f': {CHECK}').removesuffix(f', {CHECK}')})"
     yield from ((sentence.partition(": ")[2] or sentence).partition("; ")[0] for sentence in drafted.lacking)
-
-
-def _rows(drafted: DraftedMap, robot: Robot, arm: Mapping[str, str]) -> Iterator[tuple[str, str, str, str]]:
-    """Columns that are read, with units and reasons: of time, then of each joint."""
-    for joint, name in enumerate(("time", *robot.joints), -1):
-        lines = [line for line in drafted.lines if line.joint == joint and line.kind in LISTED_KINDS]
-        units, reasons = [str(line.noticed.unit) for line in lines], dict.fromkeys(line.noticed.why for line in lines)
-        if name in arm.values():
-            reasons["joint by its place in the arm"] = None
-        if any(line.kind.endswith("current") for line in lines):
-            known = float(robot.actuators.torque_constant[joint])
-            reasons[f"torque constant {f'{known:.4g}, stated' if known == known else 'to be estimated'}"] = None
-        if lines:
-            yield name, ", ".join(line.guess.column for line in lines), ", ".join(units), "; ".join(reasons)
 
 
 def commanded_torques(recording: Recording) -> Iterator[str]:
@@ -175,7 +173,13 @@ def draft_map(
     matched = list(match_signals(guesses, robot))
     signals = {key: meant for key, meant in matched if not meant.desired}
     spare = [meant.column for _, meant in matched if meant.desired]
-    signals, time = _unsigned(signals, values), _time(guesses, values)
+    best: tuple[float, Guess] | None = None
+    for column in sorted((column for column in guesses if column.kind == "t"), key=lambda column: not column.plain):
+        steps = np.diff(values[column.column])
+        share = float(np.mean(steps > 0)) if len(steps) else 0.0
+        if best is None or share > best[0] + 0.05:
+            best = share, column
+    signals, time = _unsigned(signals, values), (best[1] if best else None)
     unstated = About.of(opened.table).unstated
     lines = tuple(
         line._replace(noticed=line.noticed.with_caveat(unstated=True))
@@ -227,17 +231,6 @@ def _unsigned(signals: Mapping[str, Guess], values: Mapping[str, Array]) -> dict
                 column = unsigned.pop(key)
                 unsigned.setdefault(f"abs_{key}", column._replace(kind=f"abs_{kind}"))
     return unsigned
-
-
-def _time(guesses: Sequence[Guess], values: Mapping[str, Array]) -> Guess | None:
-    """Column of time that increases most steadily; the one named t first."""
-    best: tuple[float, Guess] | None = None
-    for column in sorted((column for column in guesses if column.kind == "t"), key=lambda column: not column.plain):
-        steps = np.diff(values[column.column])
-        share = float(np.mean(steps > 0)) if len(steps) else 0.0
-        if best is None or share > best[0] + 0.05:
-            best = share, column
-    return best[1] if best else None
 
 
 def _lines(
@@ -309,7 +302,16 @@ def _text(
         of_kind = [line for line in lines if line.kind == kind]
         keys = [(key, column) for key, column in offered if split(key)[0][0] == kind]
         if kind != "t" and (of_kind or keys):
-            out += ["", *_section(kind, of_kind, unit)]
+            section = []
+            reasons = {line.noticed.why for line in of_kind}
+            same_reason = len(reasons) == 1
+            section.append(
+                f"# {TITLES.get(kind, 'time')}" + (f": {one_line(min(reasons))}" if same_reason and not unit else "")
+            )
+            for line in of_kind:
+                text = entry(line.signal, line.guess.column, "" if unit else line.noticed.unit)
+                section.append(text if unit or same_reason else f"{text}  # {one_line(line.noticed.why)}")
+            out += ["", *section]
             units = {column: "" if unit else without_unit(column)[1] for _, column in keys}
             out += [f"# {entry(key, column, units[column])}  # which?" for key, column in keys]
     if lacking:
@@ -329,16 +331,6 @@ def _text(
     time = next((line for line in lines if line.kind == "t"), None)
     clock = f"time = {quoted(time.guess.column)}" if time else "# rate = 100  # [Hz] of rows without a column of time"
     return "\n".join([*out, "", "[clock]", clock, ""])
-
-
-def _section(kind: str, lines: Sequence[MappedColumn], shared: Noticed | None) -> Iterator[str]:
-    """Title and lines of a kind; a unit that is not shared stands in each line, and its reason where reasons differ."""
-    reasons = {line.noticed.why for line in lines}
-    alike = len(reasons) == 1
-    yield f"# {TITLES.get(kind, 'time')}" + (f": {one_line(min(reasons))}" if alike and not shared else "")
-    for line in lines:
-        text = entry(line.signal, line.guess.column, "" if shared else line.noticed.unit)
-        yield text if shared or alike else f"{text}  # {one_line(line.noticed.why)}"
 
 
 def lacking_time(table: Table, used: Collection[str]) -> str:

@@ -57,7 +57,14 @@ def open_source(source: Source, topics: Sequence[str] = (), heading: Heading | N
     stated = heading or Heading()
     if stated.rate is not None:
         unpaced = open_source(source, topics, stated._replace(rate=None))
-        return unpaced._replace(table=_paced(unpaced.table, stated.rate))
+        left = [name for name in unpaced.table.columns if (meant := guess(name)) and meant.kind == "t"]
+        unused = f"; not used: {shorten(left)}" if left else ""
+        note = f"times are those of {stated.rate:g} rows a second, as stated{unused}"
+        paced = DerivedTable(unpaced.table, {}, {"t": np.arange(unpaced.table.rows) / (stated.rate or 1.0)})
+        paced.columns = tuple(name for name in paced.columns if name == "t" or name not in left)
+        about = About.of(unpaced.table)
+        paced.about = about._replace(notes=(*about.notes, *([note] if stated.rate else [])))
+        return unpaced._replace(table=paced)
     if not isinstance(source, str | Path):
         if topics:
             raise OptionError("arrays and frames have no topics; give topics of a ROS bag only")
@@ -87,17 +94,6 @@ def _whole_stamps(table: Table) -> Table:
             whole = table.read([heads[head], nanoseconds], 0, table.rows) @ [1.0, 1e-9]
             return DerivedTable(table, {}, {head.rstrip("._") or "stamp": np.asarray(whole)})
     return table
-
-
-def _paced(table: Table, rate: float) -> Table:
-    """A table whose column t counts its rows, of a rate [Hz] or 0; other columns of time are left out."""
-    left = [name for name in table.columns if (meant := guess(name)) and meant.kind == "t"]
-    note = f"times are those of {rate:g} rows a second, as stated" + (f"; not used: {shorten(left)}" if left else "")
-    paced = DerivedTable(table, {}, {"t": np.arange(table.rows) / (rate or 1.0)})
-    paced.columns = tuple(name for name in paced.columns if name == "t" or name not in left)
-    about = About.of(table)
-    paced.about = about._replace(notes=(*about.notes, *([note] if rate else [])))
-    return paced
 
 
 def digest_of(path: Path) -> str:

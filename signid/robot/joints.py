@@ -204,7 +204,16 @@ def similar_joints(joints: Sequence[str]) -> tuple[tuple[str, ...], ...]:
     """
     kinds: dict[str, list[str]] = {}
     for joint in joints:
-        kinds.setdefault(_limb_kind(joint), []).append(joint)
+        words, limb, out = SEPARATOR.split(SIDE_PREFIX.sub("*", joint)), "", list[str]()
+        for k, word in enumerate(words):
+            low, found = word.lower(), LIMB_WORD.match(word.lower())
+            numbered = limb and word.isdigit() and k + 1 < len(words)  # not the last word: l_arm_1 is a chain
+            if low in SIDE_WORDS or low in FINGER_WORDS or numbered:
+                out.append("*")
+            else:
+                out.append(f"{found[1]}*" if found and found[2] and len(words) > 1 else word)
+            limb = limb if SEPARATOR.match(word) else found[1] if found and not found[2] else ""
+        kinds.setdefault("".join(out), []).append(joint)
     return tuple(tuple(members) for members in kinds.values() if len(members) > 1)
 
 
@@ -228,17 +237,3 @@ def _escaped(text: str) -> str:
 def _common_prefix(words: Sequence[Sequence[str]]) -> list[str]:
     """Words with which all sequences begin."""
     return [column[0] for column in takewhile(lambda column: len(set(column)) == 1, zip(*words, strict=False))]
-
-
-def _limb_kind(joint: str) -> str:
-    """Name without side, finger and number of the limb."""
-    words, limb, out = SEPARATOR.split(SIDE_PREFIX.sub("*", joint)), "", list[str]()
-    for k, word in enumerate(words):
-        low, found = word.lower(), LIMB_WORD.match(word.lower())
-        numbered = limb and word.isdigit() and k + 1 < len(words)  # not the last word: l_arm_1 is a chain
-        if low in SIDE_WORDS or low in FINGER_WORDS or numbered:
-            out.append("*")
-        else:
-            out.append(f"{found[1]}*" if found and found[2] and len(words) > 1 else word)
-        limb = limb if SEPARATOR.match(word) else found[1] if found and not found[2] else ""
-    return "".join(out)

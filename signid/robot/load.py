@@ -141,6 +141,12 @@ def _assemble(draft: Draft, document: Document) -> Robot:
         rest[axis.row] = offset
         if leader is not None:
             drive[axis.row, column[leader]] = scale
+    stiffness, moment = np.zeros(len(free)), np.zeros(len(free))
+    for axis in draft.axes:
+        weight, (stated, place) = drive[axis.row], axis.spring
+        stiffness += weight**2 * stated
+        moment += weight * stated * (place - rest[axis.row])
+    springs = zip(column, stiffness.tolist(), moment.tolist(), strict=True)
     return Robot(
         name=one_line(draft.name) or "robot",
         model=draft.model,
@@ -160,7 +166,7 @@ def _assemble(draft: Draft, document: Document) -> Robot:
         path=document.path,
         sha256=document.sha256,
         notes=draft.notes,
-        springs=_springs(draft, drive, rest, tuple(column)),
+        springs={joint: (total, part / total) for joint, total, part in springs if total},
     )
 
 
@@ -196,17 +202,6 @@ def _stated_actuators(draft: Draft, drive: Array) -> Actuators:
 
     armature, viscous = (reflected(key, drive**2) for key in ("armature", "viscous"))
     return Actuators(armature, viscous, reflected("coulomb", np.abs(drive)), nothing, nothing)
-
-
-def _springs(draft: Draft, drive: Array, rest: Array, joints: tuple[str, ...]) -> dict[str, tuple[float, float]]:
-    """Stiffness and rest position of the springs by joint; those of mimic joints are added to the joint they follow."""
-    stiffness, moment = np.zeros(len(joints)), np.zeros(len(joints))
-    for axis in draft.axes:
-        weight, (stated, place) = drive[axis.row], axis.spring
-        stiffness += weight**2 * stated
-        moment += weight * stated * (place - rest[axis.row])
-    found = zip(joints, stiffness.tolist(), moment.tolist(), strict=True)
-    return {joint: (total, part / total) for joint, total, part in found if total}
 
 
 def _held_joints(robot: Robot, joints: Sequence[str] | None, lock: Mapping[str, float]) -> dict[str, float]:
@@ -341,7 +336,17 @@ def _fill(values: dict[str, Array], tables: Mapping[str, Any], robot: Robot) -> 
                 advice = f"; {key} belongs below [joint.{name}.servo]" if key in SERVO_KEYS else ""
                 raise RobotError(f"joint {name} has the unknown key {key!r}; choose from {', '.join(_KEYS)}{advice}")
             else:
-                values[key][joint] = _number(name, key, value)
+                if isinstance(value, int) and abs(value) >= _MAX_NUMBER:
+                    raise RobotError(f"joint {name} has {key} beyond {_MAX_NUMBER:.0e}; expected a finite number")
+                if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < _MAX_NUMBER:
+                    raise RobotError(f"joint {name} has {key} = {value!r}; expected a finite number")
+                if value < 0 and key in _NONNEGATIVE_JOINT_KEYS:
+                    raise RobotError(f"joint {name} has {key} = {value!r}; it cannot be negative")
+                if value == 0 and key == "torque_constant":
+                    raise RobotError(
+                        f"joint {name} has torque_constant = 0; give its value in N.m/A, or remove the key"
+                    )
+                values[key][joint] = float(value)
     return {joint: stated for joint, stated in servo.items() if stated}
 
 
@@ -399,15 +404,3 @@ def _registers(tables: Mapping[str, Any], robot: Robot) -> dict[tuple[str, str],
             if stated:
                 registers[Path(file).name, joint] = stated
     return registers
-
-
-def _number(joint: str, key: str, value: object) -> float:
-    if isinstance(value, int) and abs(value) >= _MAX_NUMBER:
-        raise RobotError(f"joint {joint} has {key} beyond {_MAX_NUMBER:.0e}; expected a finite number")
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < _MAX_NUMBER:
-        raise RobotError(f"joint {joint} has {key} = {value!r}; expected a finite number")
-    if value < 0 and key in _NONNEGATIVE_JOINT_KEYS:
-        raise RobotError(f"joint {joint} has {key} = {value!r}; it cannot be negative")
-    if value == 0 and key == "torque_constant":
-        raise RobotError(f"joint {joint} has torque_constant = 0; give its value in N.m/A, or remove the key")
-    return float(value)

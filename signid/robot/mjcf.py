@@ -28,7 +28,7 @@ from .document import (
     massless_note,
     restricted,
 )
-from .mjcf_tree import MIN_INERTIAL, Source, included, prepare_tree
+from .mjcf_tree import MIN_INERTIAL, included, prepare_tree
 
 if TYPE_CHECKING:
     import pinocchio as pin
@@ -91,7 +91,27 @@ def read_mjcf(document: Document) -> Draft:
     root, folder = deepcopy(document.root), Path(document.path).parent
     text = included(root, folder, document.text)
     source = prepare_tree(root, folder if document.path else None)
-    compiled = _compile_mjcf(source)
+    content = json.loads(_run_cached(source.text) if not source.files else _run_compiler(source.text, source.files))
+    for what, parts in (("body", content["bodies"]), ("joint", content["joints"])):
+        for part in parts:
+            for key, value in part.items():
+                stated = f"{what} {part['name']!r} has {key}={value!r}"
+                if key not in ("name", "kind", "range", "effort"):
+                    _ = [bounded(float(number), stated) for number in np.atleast_1d(value)]
+                elif key in ("range", "effort") and np.isnan(np.array(value, float)).any() and value is not None:
+                    raise RobotError(f"{stated}; expected numbers")
+    for _, _, polynomial in content["ties"]:
+        _ = [bounded(number, f"a joint constraint has polycoef={polynomial}") for number in polynomial]
+    _ = [bounded(number, f"gravity is {content['gravity']}") for number in content["gravity"]]
+    for body in content["bodies"]:
+        body["mass"], *body["inertia"] = (0.0 if x <= MIN_INERTIAL else x for x in (body["mass"], *body["inertia"]))
+    compiled = _Compiled(
+        tuple(_Body(**body) for body in content["bodies"]),
+        tuple(_Joint(**joint) for joint in content["joints"]),
+        tuple((first, second, polynomial) for first, second, polynomial in content["ties"]),
+        content["gravity"],
+        content["medium"],
+    )
     moving = [joint for joint in compiled.joints if joint.kind in _MOVING_KINDS]
     check_count(len(compiled.bodies), len(moving), "bodies")
     check_names(joint=[joint.name for joint in compiled.joints], body=[body.name for body in compiled.bodies])
@@ -125,25 +145,6 @@ def read_mjcf(document: Document) -> Draft:
     )
 
 
-def _compile_mjcf(source: Source) -> _Compiled:
-    """Compile with MuJoCo, in a process of its own.
-
-    Raises:
-        RobotError: MuJoCo rejects the file, or a number is not finite or too large.
-    """
-    content = json.loads(_run_cached(source.text) if not source.files else _run_compiler(source.text, source.files))
-    _check_finite(content)
-    for body in content["bodies"]:
-        body["mass"], *body["inertia"] = (0.0 if x <= MIN_INERTIAL else x for x in (body["mass"], *body["inertia"]))
-    return _Compiled(
-        tuple(_Body(**body) for body in content["bodies"]),
-        tuple(_Joint(**joint) for joint in content["joints"]),
-        tuple((first, second, polynomial) for first, second, polynomial in content["ties"]),
-        content["gravity"],
-        content["medium"],
-    )
-
-
 def _run_compiler(text: str, files: Mapping[str, bytes]) -> str:
     with tempfile.TemporaryDirectory() as scratch:
         for name, data in {**files, sandbox.MODEL_FILE: text.encode()}.items():
@@ -158,20 +159,6 @@ def _run_compiler(text: str, files: Mapping[str, bytes]) -> str:
 @lru_cache(maxsize=64)
 def _run_cached(text: str) -> str:
     return _run_compiler(text, {})
-
-
-def _check_finite(content: Mapping[str, Any]) -> None:
-    for what, parts in (("body", content["bodies"]), ("joint", content["joints"])):
-        for part in parts:
-            for key, value in part.items():
-                stated = f"{what} {part['name']!r} has {key}={value!r}"
-                if key not in ("name", "kind", "range", "effort"):
-                    _ = [bounded(float(number), stated) for number in np.atleast_1d(value)]
-                elif key in ("range", "effort") and np.isnan(np.array(value, float)).any() and value is not None:
-                    raise RobotError(f"{stated}; expected numbers")
-    for _, _, polynomial in content["ties"]:
-        _ = [bounded(number, f"a joint constraint has polycoef={polynomial}") for number in polynomial]
-    _ = [bounded(number, f"gravity is {content['gravity']}") for number in content["gravity"]]
 
 
 def _name_all(compiled: _Compiled) -> tuple[_Compiled, list[str]]:

@@ -68,6 +68,11 @@ def read_urdf(document: Document) -> Draft:
         known = axis.mimic if axis.mimic and axis.mimic.joint in child else None
         axes.append(replace(axis, row=model.joints[model.getJointId(axis.name)].idx_v, mimic=known))
     unnamed = () if document.root.get("name") else (f"the robot has no name; it is named {tree.name} after its file",)
+    carried = _carriers(tree)
+    mass = dict.fromkeys(carried.values(), 0.0)
+    for link, inertial in tree.links.items():
+        mass[carried[link]] += inertial.mass if inertial else 0.0
+    massless = frozenset(link for link, name in carried.items() if name and mass[name] == 0)
     return Draft(
         name=tree.name,
         model=model,
@@ -75,7 +80,7 @@ def read_urdf(document: Document) -> Draft:
         links=tuple(child[name] for name in list(model.names)[1:]),
         document=document.text,
         kind="urdf",
-        notes=(*unnamed, *_joint_notes(tree, moving, child), *left_out_notes(document.root, _massless(tree))),
+        notes=(*unnamed, *_joint_notes(tree, moving, child), *left_out_notes(document.root, massless)),
         still=frozenset(joint.name for joint in tree.joints if joint.kind not in MOVING_KINDS),
     )
 
@@ -113,19 +118,6 @@ def _joint_notes(tree: Tree, moving: list[Joint], known: Container[str]) -> Iter
     mimics = [(joint.name, joint.axis.mimic.joint) for joint in moving if joint.axis.mimic]
     if stray := [f"{name} ({followed})" for name, followed in mimics if followed not in known]:
         yield f"treated as independent, because they mimic joints that do not exist: {shorten(stray)}"
-    yield from _inertial_notes(tree)
-    if held := [f"{joint.name} ({joint.kind})" for joint in tree.joints if joint.kind in HELD_KINDS]:
-        yield f"held fixed at neutral: {shorten(held)}"
-    lacking = {
-        "position": [x.name for x in moving if x.kind != "continuous" and x.axis.upper - x.axis.lower == inf],
-        "velocity": [x.name for x in moving if x.axis.velocity == inf],
-        "effort": [x.name for x in moving if x.axis.effort == inf],
-    }
-    yield from (f"no {what} limit is stated for {shorten(found)}" for what, found in lacking.items() if found)
-
-
-def _inertial_notes(tree: Tree) -> tuple[str, ...]:
-    """Notes on moving links; a link counts with those rigidly attached to it."""
     carried = _carriers(tree)
     bodies: dict[str, float] = {}
     stated: dict[str, tuple[float, Array]] = {}
@@ -134,16 +126,15 @@ def _inertial_notes(tree: Tree) -> tuple[str, ...]:
             bodies[name] = bodies.get(name, 0.0) + (inertial.mass if inertial else 0.0)
             if inertial:
                 stated[link] = inertial.mass, np.array(inertial.moments)[[[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
-    return massless_note(bodies) + impossible_notes(stated)
-
-
-def _massless(tree: Tree) -> frozenset[str]:
-    """Moving links without mass, and those rigidly attached to them."""
-    carried = _carriers(tree)
-    mass = dict.fromkeys(carried.values(), 0.0)
-    for link, inertial in tree.links.items():
-        mass[carried[link]] += inertial.mass if inertial else 0.0
-    return frozenset(link for link, name in carried.items() if name and mass[name] == 0)
+    yield from (massless_note(bodies) + impossible_notes(stated))
+    if held := [f"{joint.name} ({joint.kind})" for joint in tree.joints if joint.kind in HELD_KINDS]:
+        yield f"held fixed at neutral: {shorten(held)}"
+    lacking = {
+        "position": [x.name for x in moving if x.kind != "continuous" and x.axis.upper - x.axis.lower == inf],
+        "velocity": [x.name for x in moving if x.axis.velocity == inf],
+        "effort": [x.name for x in moving if x.axis.effort == inf],
+    }
+    yield from (f"no {what} limit is stated for {shorten(found)}" for what, found in lacking.items() if found)
 
 
 def _carriers(tree: Tree) -> dict[str, str | None]:
@@ -432,7 +423,19 @@ def urdf_from_dh(name: str, links: Sequence[DHLink]) -> str:
     lines = ['<?xml version="1.0" encoding="utf-8"?>', f"<robot name={quoteattr(name)}>", '  <link name="base_link"/>']
     origin, parent = _dh_origin((0.0, 0.0, 0.0), 0.0, 0.0), "base_link"
     for i, link in enumerate(links, 1):
-        _check_link(link, i)
+        numbers = [link.alpha, link.a, link.d, link.theta, link.mass]
+        shapes = [np.shape(link.centre) == (3,), link.box is None or np.shape(link.box) == (3,)]
+        inertia = np.asarray(link.inertia, float)
+        if not all(shapes) or inertia.shape not in ((3,), (6,), (3, 3)):
+            raise RobotError(f"row {i} of the table: give 3 numbers for centre and box, and 3, 6 or 3 x 3 for inertia")
+        if not np.isfinite([*numbers, *link.centre, *inertia.ravel(), *(link.box or ())]).all():
+            raise RobotError(f"row {i} of the table has a number that is not finite; give finite numbers")
+        if inertia.shape == (3, 3) and not np.allclose(inertia, inertia.T):
+            raise RobotError(
+                f"row {i} of the table has an inertia that is not symmetric; give a symmetric 3 x 3 matrix"
+            )
+        if not -inf <= link.lower < link.upper <= inf:
+            raise RobotError(f"row {i} of the table has limits {link.lower} to {link.upper}; give the lower one first")
         limits = {"lower": link.lower, "upper": link.upper, "velocity": link.velocity, "effort": link.effort}
         stated = " ".join(f'{key}="{_text(value)}"' for key, value in limits.items() if isfinite(value))
         kind, more = "prismatic" if link.prismatic else "revolute", ('<axis xyz="0 0 1"/>', f"<limit {stated}/>")
@@ -480,17 +483,3 @@ def _dh_origin(xyz: Sequence[float], alpha: float, theta: float) -> str:
 def _text(value: float) -> str:
     """Shortest text of a number without loss of precision."""
     return repr(float(value) + 0.0).removesuffix(".0")
-
-
-def _check_link(link: DHLink, i: int) -> None:
-    numbers = [link.alpha, link.a, link.d, link.theta, link.mass]
-    shapes = [np.shape(link.centre) == (3,), link.box is None or np.shape(link.box) == (3,)]
-    inertia = np.asarray(link.inertia, float)
-    if not all(shapes) or inertia.shape not in ((3,), (6,), (3, 3)):
-        raise RobotError(f"row {i} of the table: give 3 numbers for centre and box, and 3, 6 or 3 x 3 for inertia")
-    if not np.isfinite([*numbers, *link.centre, *inertia.ravel(), *(link.box or ())]).all():
-        raise RobotError(f"row {i} of the table has a number that is not finite; give finite numbers")
-    if inertia.shape == (3, 3) and not np.allclose(inertia, inertia.T):
-        raise RobotError(f"row {i} of the table has an inertia that is not symmetric; give a symmetric 3 x 3 matrix")
-    if not -inf <= link.lower < link.upper <= inf:
-        raise RobotError(f"row {i} of the table has limits {link.lower} to {link.upper}; give the lower one first")

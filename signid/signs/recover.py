@@ -216,6 +216,7 @@ def recover(session: Session, *, method: str = "exact", progress: Progress | Non
 
     Raises:
         OptionError: there is no such method, or a torque constant is neither known nor identifiable.
+        RecordingError: only some recordings have the torque of a joint.
     """
     if method not in SIGN_METHODS:
         raise OptionError(f"signs {method!r} is none of {', '.join(SIGN_METHODS)}")
@@ -229,7 +230,16 @@ def recover(session: Session, *, method: str = "exact", progress: Progress | Non
     if session.signed:
         return Recovered(session, session)
     task, learn, seed = session.task, session.learned, session.options.seed
-    _same_torques([recording for recording, _ in learn])
+    recordings = [recording for recording, _ in learn]
+    for j, joint in enumerate(recordings[0].joints):
+        has = [bool(r.columns["tau"][j]) for r in recordings]
+        if any(not r.signed[j] for r in recordings) and not all(has):
+            one = recordings[has.index(True)].path or "one recording"
+            other = recordings[has.index(False)].path or "another"
+            raise RecordingError(
+                f"{one} has torque of {joint}, {other} has none; where signs are lost, use recordings with torque of "
+                f"the same joints together, or leave the column out"
+            )
     if progress is not None:
         progress("searching signs", 0.0)
     observed = observe(task, learn)
@@ -256,19 +266,6 @@ def recover(session: Session, *, method: str = "exact", progress: Progress | Non
             f"signs of {shorten(unused)}, which some recordings have, were not used: other recordings lack them"
         )
     return Recovered(whole, learning, _result(session, observed, inferred, notes, tuple(traced.values()), method))
-
-
-def _same_torques(recordings: Sequence[Recording]) -> None:
-    """Where a torque lacks its sign, all recordings must have that torque."""
-    for j, joint in enumerate(recordings[0].joints):
-        has = [bool(r.columns["tau"][j]) for r in recordings]
-        if any(not r.signed[j] for r in recordings) and not all(has):
-            one = recordings[has.index(True)].path or "one recording"
-            other = recordings[has.index(False)].path or "another"
-            raise RecordingError(
-                f"{one} has torque of {joint}, {other} has none; where signs are lost, use recordings with torque of "
-                f"the same joints together, or leave the column out"
-            )
 
 
 def _traces(observed: Observations, parts: Sequence[Part], refined: RefinedSigns) -> dict[Recording, Trace]:

@@ -398,7 +398,16 @@ def _fill_span(found: SignMarks, span: _Span, signs: SignMarks) -> None:
     for i, j in enumerate(span.hidden):
         lengths = np.diff([span.begin, *changes[:, i], span.end])
         found[span.begin : span.end, j] = np.repeat(own[:, i], lengths)
-    _fill_edges(found, span, own)
+    step = min(max(MIN_PARABOLA_ROWS, int(span.at[-1] - span.at[0]) // max(1, len(span.at) - 1)), MAX_PARABOLA_ROWS)
+    first, last = int(span.at[0]), int(span.at[-1]) + span.exact
+    left, right = span.read(span.begin, first + step + 1).backwards(), span.read(last - step - 1, span.end)
+    for i, j in enumerate(span.hidden):
+        known = int(np.sum(left.number >= first)) + int(found[first, j] != own[0, i])
+        for turn in _kinks(left, i, known, float(span.small[i]), step):
+            found[span.begin : left.number[turn - 1], j] *= -1
+        known = int(np.sum(right.number < last)) + int(found[max(last - 1, span.begin), j] != own[-1, i])
+        for turn in _kinks(right, i, known, float(span.small[i]), step):
+            found[right.number[turn] : span.end, j] *= -1
 
 
 def _crossings(t: Array, size: Array, low: Indices, high: Indices, exact: bool) -> Indices:
@@ -418,20 +427,6 @@ def _keeps_sign(t: Array, size: Array, lowest: Indices) -> Mask:
     """Whether the smallest value of each interval has the sign of the row before it, not of the row after."""
     before, after = np.maximum(lowest - 1, 0), np.minimum(lowest + 1, len(size) - 1)
     return np.asarray(size[before] * np.abs(t[after] - t[lowest]) > size[after] * np.abs(t[lowest] - t[before]))
-
-
-def _fill_edges(found: SignMarks, span: _Span, signs: SignMarks) -> None:
-    """Change signs before the first and after the last sample of a span."""
-    step = min(max(MIN_PARABOLA_ROWS, int(span.at[-1] - span.at[0]) // max(1, len(span.at) - 1)), MAX_PARABOLA_ROWS)
-    first, last = int(span.at[0]), int(span.at[-1]) + span.exact
-    left, right = span.read(span.begin, first + step + 1).backwards(), span.read(last - step - 1, span.end)
-    for i, j in enumerate(span.hidden):
-        known = int(np.sum(left.number >= first)) + int(found[first, j] != signs[0, i])
-        for turn in _kinks(left, i, known, float(span.small[i]), step):
-            found[span.begin : left.number[turn - 1], j] *= -1
-        known = int(np.sum(right.number < last)) + int(found[max(last - 1, span.begin), j] != signs[-1, i])
-        for turn in _kinks(right, i, known, float(span.small[i]), step):
-            found[right.number[turn] : span.end, j] *= -1
 
 
 def _kinks(rows: _FileRows, joint: int, known: int, small: float, step: int) -> list[int]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -106,7 +106,15 @@ def share_constants(factors: Factors, base: BaseMap, unknown: Mask) -> Constants
     value = estimate(_scaled(factors, log), base, np.zeros(rank)).value
     covariance = np.zeros((n, n))
     for _ in range(MAX_LOG_STEPS if len(free) else 0):
-        found = estimate(_with_gains(_scaled(factors, log), value, free, rank), base, np.zeros(rank + len(free)))
+        scaled = _scaled(factors, log)
+        joints, columns = list(scaled.joints), list(scaled.columns)
+        for i, j in enumerate(free.tolist()):
+            seen = columns[j]
+            joints[j] = move(joints[j], np.column_stack([np.eye(len(seen)), -value[seen]]))
+            columns[j] = np.append(seen, rank + i)
+        found = estimate(
+            replace(scaled, joints=tuple(joints), columns=tuple(columns)), base, np.zeros(rank + len(free))
+        )
         value, step = found.value[:rank], np.clip(found.value[rank:], -MAX_LOG_STEP, MAX_LOG_STEP)
         log[free] += step
         covariance[np.ix_(free, free)] = found.covariance[rank:, rank:]
@@ -142,16 +150,6 @@ def _scaled(factors: Factors, log: Array) -> Factors:
     joints = zip(factors.joints, factors.columns, np.exp(log).tolist(), strict=True)
     moved = tuple(move(joint, np.eye(len(seen)), scale) for joint, seen, scale in joints)
     return replace(factors, joints=moved, sample=None)
-
-
-def _with_gains(factors: Factors, value: Array, free: Indices, rank: int) -> Factors:
-    """Factors with one more column for each free joint: minus the predicted torque, the derivative by log K."""
-    joints, columns = list(factors.joints), list(factors.columns)
-    for i, j in enumerate(free.tolist()):
-        seen = columns[j]
-        joints[j] = move(joints[j], np.column_stack([np.eye(len(seen)), -value[seen]]))
-        columns[j] = np.append(seen, rank + i)
-    return replace(factors, joints=tuple(joints), columns=tuple(columns))
 
 
 class _ConstantTrial(NamedTuple):
@@ -223,8 +221,16 @@ def describe_constants(task: Task, factors: Factors) -> Constants:
         inverse, std = float(found.value[0]), float(np.sqrt(found.covariance[0, 0]))
         if inverse > 0 and std < MAX_CONSTANT_STD * inverse:
             log[j], noise[j] = -np.log(inverse), std / inverse
-            off[j] = _share(joint.grams[0][-len(seen) - 1 : -1, -len(seen) - 1 : -1], columns, bodies[seen])
-    off *= INERTIAL_ERROR * np.concatenate([_inertial_scales(body) for body in stated])
+            gram = joint.grams[0][-len(seen) - 1 : -1, -len(seen) - 1 : -1]
+            normal = columns.T @ gram @ columns
+            size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+            solved = np.linalg.pinv(normal / np.outer(size, size), rcond=1e-10, hermitian=True) / np.outer(size, size)
+            off[j] = np.asarray(solved[0] @ columns.T @ gram @ bodies[seen])
+    scales: list[Array] = []
+    for body in stated:
+        mass, second = body[0], max((body[4] + body[6] + body[9]) / 2, 0.0)
+        scales.append(np.array([mass, *[np.sqrt(max(mass * second, 0.0))] * 3, *[second] * 6]))
+    off *= INERTIAL_ERROR * np.concatenate(scales)
     return Constants(log, off @ off.T + np.diag(noise**2))
 
 
@@ -249,20 +255,6 @@ def combine(relative: Constants, described: Constants, known: Mask) -> Constants
     chi2 = float(difference @ np.linalg.solve(shared + stated, difference)) / freedom
     gain = np.linalg.solve(shared + max(chi2, 1.0) * stated, before[at]).T
     return Constants(log + gain @ difference, before - gain @ before[at])
-
-
-def _share(gram: Array, columns: Array, bodies: Array) -> Array:
-    """Relative change (10 nb,) of the regressed torque with each inertial parameter [1 over its unit]."""
-    normal = columns.T @ gram @ columns
-    size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    inverse = np.linalg.pinv(normal / np.outer(size, size), rcond=1e-10, hermitian=True) / np.outer(size, size)
-    return np.asarray(inverse[0] @ columns.T @ gram @ bodies)
-
-
-def _inertial_scales(body: Array) -> Array:
-    """Scales (10,) of the inertial parameters of a body: those of its mass at its radius of gyration."""
-    mass, second = body[0], max((body[4] + body[6] + body[9]) / 2, 0.0)
-    return np.array([mass, *[np.sqrt(max(mass * second, 0.0))] * 3, *[second] * 6])
 
 
 @dataclass(frozen=True, eq=False)
@@ -305,8 +297,18 @@ def find_gains(session: Session, progress: Progress | None = None) -> TorqueCons
 
     Raises:
         OptionError: a constant is not identifiable; the sentence says what to state.
+        RecordingError: a constant is known in some recordings only.
     """
-    robot, unknown = session.robot, _unknown_joints(session.recordings)
+    robot, recordings = session.robot, session.recordings
+    joints = same_joints(recordings)
+    lacking = np.array([np.zeros(len(joints), bool) if r.scaled is None else ~r.scaled for r in recordings])
+    for j in np.flatnonzero(lacking.any(axis=0) & ~lacking.all(axis=0)).tolist():
+        first, other = recordings[int(np.argmax(lacking[:, j]))], recordings[int(np.argmin(lacking[:, j]))]
+        raise RecordingError(
+            f"{first.path or 'one recording'} lacks the torque constant of {joints[j]}, {other.path or 'another'} "
+            f"needs none; state torque_constant of it in an actuators file, or use recordings of one kind together"
+        )
+    unknown = np.asarray(lacking[0])
     if not unknown.any():
         return None
     observed = observe(session.task, session.learned)
@@ -327,21 +329,32 @@ def find_gains(session: Session, progress: Progress | None = None) -> TorqueCons
         Gain(robot.joints[j], float(value[j]), float(value[j] * std[j]), _constant_unit(robot, j))
         for j in np.flatnonzero(unknown).tolist()
     )
-    notes = tuple(_constant_notes(robot, gains, std[unknown], anchors, constants.described))
-    return TorqueConstants(gains, value, covariance, notes, tuple(_flags(robot, std, constants)), constants.described)
-
-
-def _unknown_joints(recordings: Sequence[Recording]) -> Mask:
-    """(n,) joints whose torque constant is not known, in all recordings alike."""
-    joints = same_joints(recordings)
-    lacking = np.array([np.zeros(len(joints), bool) if r.scaled is None else ~r.scaled for r in recordings])
-    for j in np.flatnonzero(lacking.any(axis=0) & ~lacking.all(axis=0)).tolist():
-        one, other = recordings[int(np.argmax(lacking[:, j]))], recordings[int(np.argmin(lacking[:, j]))]
-        raise RecordingError(
-            f"{one.path or 'one recording'} lacks the torque constant of {joints[j]}, {other.path or 'another'} needs "
-            f"none; state torque_constant of it in an actuators file, or use recordings of one kind together"
+    stds = zip(gains, std[unknown], strict=True)
+    values = [f"{joint} {k:.3g} {unit} (+- {100 * s:.2g} %)" for (joint, k, _, unit), s in stds]
+    sentences = [f"unknown torque constants were found from the motion: {shorten(values)}"]
+    if anchors.any():
+        sentences.append(
+            f"torque constants rest on the torque of {_names(robot, anchors)}, which depends on the same inertials"
         )
-    return np.asarray(lacking[0])
+    if constants.described:
+        more = "also " if anchors.any() else ""
+        sentences.append(
+            f"torque constants rest {more}on the inertials that the description states, taken to be right to "
+            f"{100 * INERTIAL_ERROR:.0f} % a link"
+        )
+    sentences.append("standard deviations of parameters include the common uncertainty of these torque constants")
+    flags = []
+    if not constants.settled:
+        flags.append(
+            f"signs and torque constants still changed in the last of {MAX_CONSTANT_ROUNDS} rounds: either may be "
+            f"wrong; state torque_constant in an actuators file"
+        )
+    if rough := [f"{robot.joints[j]} ({100 * std[j]:.0f} %)" for j in np.flatnonzero(std > ROUGH_CONSTANT_STD)]:
+        flags.append(
+            f"torque constants are known only roughly, of {shorten(rough)}: parameters there may be off by as much; "
+            f"state torque_constant in an actuators file"
+        )
+    return TorqueConstants(gains, value, covariance, tuple(sentences), tuple(flags), constants.described)
 
 
 def _alternate(session: Session, observed: Observations, unknown: Mask, progress: Progress | None) -> Constants:
@@ -355,7 +368,12 @@ def _alternate(session: Session, observed: Observations, unknown: Mask, progress
         if np.array_equal(last, signs):
             break
         before = constants
-        constants = _estimate_constants(session.task, _recorded_factors(session, observed, signs), unknown)
+        parts = []
+        for part, (recording, sampling) in enumerate(session.learned):
+            at = observed.part == part
+            t, first, own = observed.t[at], np.flatnonzero(observed.first[at]), signs[at].astype(np.int8)
+            parts.append((with_signs(recording, signs_of_rows(recording, sampling, t, first, own)), sampling))
+        constants = _estimate_constants(session.task, session.reduce(parts), unknown)
         change = np.abs(constants.log - before.log)
         if last.any() and np.all(change <= np.maximum(CONSTANT_TOLERANCE, DEVIATION_TOLERANCE * constants.std)):
             break
@@ -375,16 +393,6 @@ def _infer_signs(task: Task, observed: Observations, constants: Constants, seed:
             inferred = infer(task, replace(observed, known=group, torque=torque), seed)
             signs[:, group] = inferred.refined.signs[:, group]
     return signs
-
-
-def _recorded_factors(session: Session, observed: Observations, signs: Array) -> Factors:
-    """Factors of the recordings with their signs, in the units recorded."""
-    parts = []
-    for k, (recording, sampling) in enumerate(session.learned):
-        at = observed.part == k
-        t, first, own = observed.t[at], np.flatnonzero(observed.first[at]), signs[at].astype(np.int8)
-        parts.append((with_signs(recording, signs_of_rows(recording, sampling, t, first, own)), sampling))
-    return session.reduce(parts)
 
 
 def _estimate_constants(task: Task, factors: Factors, unknown: Mask) -> Constants:
@@ -408,30 +416,3 @@ def _constant_unit(robot: Robot, joint: int) -> str:
 
 def _names(robot: Robot, joints: Mask) -> str:
     return shorten([robot.joints[j] for j in np.flatnonzero(joints)])
-
-
-def _constant_notes(robot: Robot, gains: Sequence[Gain], std: Array, anchors: Mask, described: bool) -> Iterator[str]:
-    values = [f"{joint} {k:.3g} {unit} (+- {100 * s:.2g} %)" for (joint, k, _, unit), s in zip(gains, std, strict=True)]
-    yield f"unknown torque constants were found from the motion: {shorten(values)}"
-    if anchors.any():
-        yield f"torque constants rest on the torque of {_names(robot, anchors)}, which depends on the same inertials"
-    if described:
-        more = "also " if anchors.any() else ""
-        yield (
-            f"torque constants rest {more}on the inertials that the description states, taken to be right to "
-            f"{100 * INERTIAL_ERROR:.0f} % a link"
-        )
-    yield "standard deviations of parameters include the common uncertainty of these torque constants"
-
-
-def _flags(robot: Robot, std: Array, constants: Constants) -> Iterator[str]:
-    if not constants.settled:
-        yield (
-            f"signs and torque constants still changed in the last of {MAX_CONSTANT_ROUNDS} rounds: either may be "
-            f"wrong; state torque_constant in an actuators file"
-        )
-    if rough := [f"{robot.joints[j]} ({100 * std[j]:.0f} %)" for j in np.flatnonzero(std > ROUGH_CONSTANT_STD)]:
-        yield (
-            f"torque constants are known only roughly, of {shorten(rough)}: parameters there may be off by as much; "
-            f"state torque_constant in an actuators file"
-        )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import combinations, islice, product
 from math import comb
@@ -11,9 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import OptionError
-from ..estimation.pbrp import Bounds, PenaltyCost, bounds_around, check_box, cost_over, descend, physics_of
+from ..estimation.pbrp import Bounds, bounds_around, check_box, cost_over, descend, physics_of
 from ..model import stated_parameters
-from ..optimisers import Optimum
 from ..regression.rows import Task
 from ..types import Array, BaseMap, Estimate, Frozen, Indices, Parameters, Progress
 from .infer import ChooseSigns, SignChoice
@@ -97,17 +96,15 @@ def _min_set(grams: Array, known: _Set, joints: Indices, threshold: float, budge
         if len(taken) > budget:
             return None, False
         budget -= len(taken)
-        best = min(_try_sets(grams, base, taken), default=(0, np.inf, ()))
+        tried: list[tuple[int, float, _Set]] = []
+        for k in range(0, len(taken), GRAM_BLOCK):
+            block = taken[k : k + GRAM_BLOCK]
+            lost, condition = _conditioning(base + grams[np.array(block, dtype=np.intp)].sum(1))
+            tried += zip(lost.tolist(), condition.tolist(), block, strict=True)
+        best = min(tried, default=(0, np.inf, ()))
         if taken and best[0] == 0 and best[1] < threshold:
             return (*known, *best[2]), True
     return None, EXHAUSTIVE_SIZE >= len(joints)
-
-
-def _try_sets(grams: Array, base: Array, sets: Sequence[_Set]) -> Iterator[tuple[int, float, _Set]]:
-    for k in range(0, len(sets), GRAM_BLOCK):
-        block = sets[k : k + GRAM_BLOCK]
-        lost, condition = _conditioning(base + grams[np.array(block, dtype=np.intp)].sum(1))
-        yield from zip(lost.tolist(), condition.tolist(), block, strict=True)
 
 
 def _greedy_set(grams: Array, first: _Set, unknown: int, threshold: float = 0.0) -> _Set:
@@ -226,7 +223,15 @@ def search_tree(
     """
     if restarts < 1 or rounds < 1:
         raise OptionError(f"{restarts} starts of {rounds} rounds solve nothing; ask for at least 1 of each")
-    scales = _base_scales(problem, base)
+    into, joints = problem.forward, np.unique(problem.joints)
+    grams = np.array([problem.grams[problem.joints == j].sum(0) for j in joints])
+    energies = np.array([problem.energies[problem.joints == j].sum() for j in joints])
+    shown = np.einsum("ri,jrs,si->ji", into, grams, into)
+    alone = np.where(shown > SHOWN_SHARE * shown.sum(0), energies[:, None] / np.maximum(shown, 1e-300), np.inf)
+    least_energy = alone.min(0)
+    size = np.sqrt(np.where(np.isfinite(least_energy), least_energy, 0.0))
+    nothing = np.zeros((base.rank, base.rank))
+    scales = Estimate(size, nothing, nothing, np.zeros(0), ())
     box = bounds_around(base, scales, prior) if bounds is None else bounds
     check_box(box, base)
     physics = physics_of(base, scales, prior)
@@ -238,7 +243,12 @@ def search_tree(
         cost = cost_over(box, physics, level.root @ standard, target, max(level.energy - float(target @ target), 0.0))
         starts = rng.uniform(size=(restarts, len(cost.free)))
         ends = [descend(cost, start, weights, algorithm, budget, seed) for start in starts]
-        x, loss = _polish(cost, min(ends, key=lambda end: end.value), weights[-1])
+        best_end = min(ends, key=lambda end: end.value)
+        # with known signs the residual is linear: a search that stops beside its optimum is moved there, in the box
+        step = np.linalg.lstsq(cost.matrix, cost.target - cost.matrix @ best_end.x, rcond=LEVEL_ROUNDING**0.5)[0]
+        moved = np.clip(best_end.x + step, 0.0, 1.0)
+        value = cost.problem(moved, weights[-1]).objective(moved)
+        x, loss = (moved, value) if value < best_end.value else (best_end.x, best_end.value)
         return TreeNode(loss, cost.standard(x), sum(end.evaluations for end in ends))
 
     ordered = condition_order(problem)
@@ -256,31 +266,6 @@ def search_tree(
             f"reaches {least:.3g}, so its signs may be wrong; --signs exact needs no such search"
         )
     return TreeResult(signs, base.combination @ node.end, node.loss, nodes, node.evaluations, tuple(notes))
-
-
-def _polish(cost: PenaltyCost, end: Optimum, weight: float) -> tuple[Array, float]:
-    """Point [1] and cost of the nearest solution of linear least squares, or those of the end if it costs less.
-
-    Once the signs are known, the residual is linear in the parameters, so a search that stops beside its optimum is
-    moved there. A solution outside the box is clipped; one that violates physics costs more than the end.
-    """
-    step = np.linalg.lstsq(cost.matrix, cost.target - cost.matrix @ end.x, rcond=LEVEL_ROUNDING**0.5)[0]
-    moved = np.clip(end.x + step, 0.0, 1.0)
-    value = cost.problem(moved, weight).objective(moved)
-    return (moved, value) if value < end.value else (end.x, end.value)
-
-
-def _base_scales(problem: SignProblem, base: BaseMap) -> Estimate:
-    """Scales of the base parameters: the value at which one alone makes the torque of a joint that depends on it."""
-    into, joints = problem.forward, np.unique(problem.joints)
-    grams = np.array([problem.grams[problem.joints == j].sum(0) for j in joints])
-    energies = np.array([problem.energies[problem.joints == j].sum() for j in joints])
-    shown = np.einsum("ri,jrs,si->ji", into, grams, into)
-    alone = np.where(shown > SHOWN_SHARE * shown.sum(0), energies[:, None] / np.maximum(shown, 1e-300), np.inf)
-    least = alone.min(0)
-    size = np.sqrt(np.where(np.isfinite(least), least, 0.0))
-    nothing = np.zeros((base.rank, base.rank))
-    return Estimate(size, nothing, nothing, np.zeros(0), ())
 
 
 def by_tree(task: Task, seed: int, progress: Progress | None = None) -> ChooseSigns:

@@ -103,11 +103,22 @@ def convert(
         raise OptionError("--calibration is for a reading that is drafted; add --robot, and leave --columns out")
 
     def converted(columns: ColumnMap | None) -> Conversion:
+        from ...recording.vocabulary import OF
+
+        units: dict[str, str] = {}
+        for text in conversion.unit or ():
+            kind, _, unit = (part.strip() for part in text.partition("="))
+            if kind not in OF or not unit:
+                kinds = ", ".join(OF)
+                raise OptionError(f"--unit {text!r} is not a kind of column and its unit; write q=deg, one of {kinds}")
+            if kind in units:
+                raise OptionError(f"--unit gives {kind} twice; give one unit for it")
+            units[kind] = unit
         return read(
             files,
             columns=columns,
             heading=heading,
-            units=_units(conversion.unit or ()),
+            units=units,
             topics=conversion.topic or (),
             robot=robot,
             drop_missing=conversion.drop_missing,
@@ -147,19 +158,3 @@ def _files(sources: list[str], conversion: ConvertOptions) -> Files:
             raise OptionError(f"--offset gives {file} twice; give one offset for it")
         offsets[file] = bounded("--offset", seconds)
     return Files(tuple(sources), offsets, conversion.align)
-
-
-def _units(texts: list[str] | tuple[()]) -> dict[str, str]:
-    """Units by kind of column."""
-    from ...recording.vocabulary import OF
-
-    units: dict[str, str] = {}
-    for text in texts:
-        kind, _, unit = (part.strip() for part in text.partition("="))
-        if kind not in OF or not unit:
-            kinds = ", ".join(OF)
-            raise OptionError(f"--unit {text!r} is not a kind of column and its unit; write q=deg, one of {kinds}")
-        if kind in units:
-            raise OptionError(f"--unit gives {kind} twice; give one unit for it")
-        units[kind] = unit
-    return units

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from ...simulation.excite import Excitation, Separation
     from ...simulation.plant import Torques
     from ...simulation.plant.control import Tracking
-    from ...types import Array, Law, Recording, Robot, Trajectory
+    from ...types import Array, Recording, Robot, Trajectory
 
 DEFAULT_DURATION = 20.0  # default length of random motions [s]
 DEFAULT_RATE, DEFAULT_COMMAND_RATE = 250.0, 100.0  # [Hz] of recordings, and of the commands of random motions
@@ -271,13 +271,21 @@ def excite(excitation: ExciteOptions, robot: RobotArguments, run: RunOptions) ->
     Raises:
         OptionError: a share of a limit is too small or too large.
     """
+    from ...effects.naming import parse_law
     from ...simulation.excite import build_limits, excite as optimise, separate
     from ..terminal import deliver
 
     source = robot.simulation
     check_file(excitation.output, run.json, [source.simulation, source.actuators])
     model, _ = given_model(source)
-    rivals = _rivals(excitation.separate, model.robot)
+    rivals = None
+    if texts := excitation.separate:
+        laws = split_laws(texts)
+        if len(laws) != 2:
+            fault = f"--separate {','.join(texts)!r} does not name two laws"
+            raise OptionError(f"{fault}; write two, such as A@JOINT,B@JOINT")
+        first, second = (parse_law(text, model.robot, partial=True) for text in laws)
+        rivals = first, second
     scales = {name: getattr(excitation, f"{name}_scale") for name in ("velocity", "acceleration", "torque")}
     for name, scale in scales.items():
         if not MIN_SCALE <= scale <= MAX_SCALE:
@@ -321,15 +329,3 @@ def split_laws(texts: list[str]) -> list[str]:
         else:
             laws.append(piece)
     return laws
-
-
-def _rivals(texts: list[str] | None, robot: Robot) -> tuple[Law, Law] | None:
-    from ...effects.naming import parse_law
-
-    if not texts:
-        return None
-    laws = split_laws(texts)
-    if len(laws) != 2:
-        raise OptionError(f"--separate {','.join(texts)!r} does not name two laws; write two, such as A@JOINT,B@JOINT")
-    first, second = (parse_law(text, robot, partial=True) for text in laws)
-    return first, second

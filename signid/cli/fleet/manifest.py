@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from difflib import get_close_matches
@@ -156,35 +156,27 @@ def _entry(line: int, row: Mapping[str, str]) -> Entry:
     if row.get("gravity"):
         parse_gravity(row["gravity"])
     options = tuple((head, value) for head in SESSION_OPTIONS for value in _split(row.get(head, "")))
-    session = _folder(row, name, recordings, task)
-    return Entry(line, session, name, row["robot"], task, recordings, options, time, _day(time))
+    given = row.get("session")
+    parts = (given,) if given else (name, row.get("time") or recordings[0], "" if task == SESSION_TASKS[0] else task)
+    session = "_".join(re.sub(r"[^\w.]+", "-", part).strip("-._") for part in parts if part)
+    if not session or len(session) > MAX_NAME_LENGTH or (given and session != given):
+        raise ValueError(
+            f"{given or session!r} is not a valid folder name; name the session with letters, digits, - and _"
+        )
+    if not time:
+        day = None
+    else:
+        try:
+            moment = datetime.fromisoformat(time)
+            epoch = datetime.fromisoformat("1970-01-01" + ("T00:00Z" if moment.tzinfo else ""))
+        except ValueError:
+            raise ValueError(f"the time {time!r} is not a date; write 2026-03-31 or 2026-03-31T14:00") from None
+        day = (moment - epoch).total_seconds() / SECONDS_PER_DAY
+    return Entry(line, session, name, row["robot"], task, recordings, options, time, day)
 
 
 def _split(cell: str) -> tuple[str, ...]:
     return tuple(part.strip() for part in cell.split(";") if part.strip())
-
-
-def _day(text: str) -> float | None:
-    if not text:
-        return None
-    try:
-        moment = datetime.fromisoformat(text)
-        epoch = datetime.fromisoformat("1970-01-01" + ("T00:00Z" if moment.tzinfo else ""))
-    except ValueError:
-        raise ValueError(f"the time {text!r} is not a date; write 2026-03-31 or 2026-03-31T14:00") from None
-    return (moment - epoch).total_seconds() / SECONDS_PER_DAY
-
-
-def _folder(row: Mapping[str, str], name: str, recordings: Sequence[str], task: str) -> str:
-    """The name of a session: as given, or the robot with the time or the recording."""
-    given = row.get("session")
-    parts = (given,) if given else (name, row.get("time") or recordings[0], "" if task == SESSION_TASKS[0] else task)
-    found = "_".join(re.sub(r"[^\w.]+", "-", part).strip("-._") for part in parts if part)
-    if not found or len(found) > MAX_NAME_LENGTH or (given and found != given):
-        raise ValueError(
-            f"{given or found!r} is not a valid folder name; name the session with letters, digits, - and _"
-        )
-    return found
 
 
 def describe_robots(listed: Manifest) -> list[tuple[Input, ...]]:

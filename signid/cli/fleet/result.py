@@ -63,11 +63,39 @@ class Fleet(Result):
         for one in sorted(self.outcomes, key=_moment):
             if one.summary.numbers or one.summary.verdict:
                 groups.setdefault((one.entry.name, one.entry.task, one.summary.kind), []).append(one)
+        robots: list[dict[str, Any]] = []
+        for name, sessions in self.robots:
+            latest = _latest(sessions)
+            robots.append(
+                {
+                    "name": name,
+                    "kind": latest.summary.kind,
+                    "sessions": [one.entry.session for one in sessions],
+                    "latest": latest.entry.session,
+                    **_fields_of(latest.entry, "time task"),
+                    **_fields_of(latest.summary, "mismatch joint left explained verdict"),
+                    "causes": [cause.name for cause in latest.summary.causes],
+                    "lacks": [finding_headline(cause.named) for cause in latest.summary.causes],
+                    "undone": sum(not one.done for one in sessions),
+                }
+            )
         return {
             "schema": FLEET_SCHEMA,
-            "robots": [_robot(name, sessions) for name, sessions in self.robots],
+            "robots": robots,
             **change_document(list(groups.values())),
-            "sessions": [_session(outcome) for outcome in self.outcomes],
+            "sessions": [
+                {
+                    **_fields_of(outcome.entry, "session name robot task time"),
+                    "recordings": list(outcome.entry.recordings),
+                    "state": UNDONE_STATE if not outcome.done else MARKED if outcome.code == FLAGGED else "done",
+                    "said": list(outcome.said),
+                    "folder": f"sessions/{outcome.entry.session}" if outcome.done else None,
+                    "files": list(outcome.files),
+                    **_fields_of(outcome.summary, "mismatch joint left verdict"),
+                    "causes": [cause.name for cause in outcome.summary.causes],
+                }
+                for outcome in self.outcomes
+            ],
             "inputs": [self.manifest._asdict()],
             "seed": self.seed,
             "version": __version__,
@@ -87,34 +115,6 @@ def _latest(sessions: Sequence[Outcome]) -> Outcome:
 def _fields_of(source: object, keys: str) -> Mapping[str, Any]:
     """Some fields of a session, or of its summary."""
     return {key: getattr(source, key) for key in keys.split()}
-
-
-def _robot(name: str, sessions: Sequence[Outcome]) -> dict[str, Any]:
-    latest = _latest(sessions)
-    return {
-        "name": name,
-        "kind": latest.summary.kind,
-        "sessions": [one.entry.session for one in sessions],
-        "latest": latest.entry.session,
-        **_fields_of(latest.entry, "time task"),
-        **_fields_of(latest.summary, "mismatch joint left explained verdict"),
-        "causes": [cause.name for cause in latest.summary.causes],
-        "lacks": [finding_headline(cause.named) for cause in latest.summary.causes],
-        "undone": sum(not one.done for one in sessions),
-    }
-
-
-def _session(outcome: Outcome) -> dict[str, Any]:
-    return {
-        **_fields_of(outcome.entry, "session name robot task time"),
-        "recordings": list(outcome.entry.recordings),
-        "state": UNDONE_STATE if not outcome.done else MARKED if outcome.code == FLAGGED else "done",
-        "said": list(outcome.said),
-        "folder": f"sessions/{outcome.entry.session}" if outcome.done else None,
-        "files": list(outcome.files),
-        **_fields_of(outcome.summary, "mismatch joint left verdict"),
-        "causes": [cause.name for cause in outcome.summary.causes],
-    }
 
 
 class Difference(NamedTuple):
@@ -200,11 +200,17 @@ def change_document(sessions: Sequence[Sequence[Outcome]]) -> dict[str, Any]:
 
 def _row(difference: Difference) -> dict[str, Any]:
     number = difference.number
+    if number.effect not in EFFECTS.names:
+        title = number.what if number.effect else f"base parameter {number.what}"
+    else:
+        effect = EFFECTS[number.effect]
+        words = subject(Named(effect, number.joint, number.partner, {number.key: number.shown}))
+        title = f"{words} ({number.key.replace('_', ' ')})" if len(effect.parameters) > 1 else words
     return {
         "name": difference.at.entry.name,
         "kind": difference.at.summary.kind,
         "number": number.what,
-        "title": _title(number),
+        "title": title,
         "effect": number.effect or None,
         **{key: getattr(number, key) for key in ("joint", "partner", "unit")},
         "finding": difference.found,
@@ -226,15 +232,6 @@ def _outlier(outlier: Difference) -> dict[str, Any]:
     number = {"session": outlier.at.entry.session, "value": outlier.number.value, "std": outlier.number.std}
     others = {"robots": [other.entry.name for other in outlier.others], "least": outlier.least}
     return {**_row(outlier), **number, "others": {**others, "median": outlier.centre, "most": outlier.most}}
-
-
-def _title(number: Number) -> str:
-    """A parameter in words: its law and joints, and the parameter if the law has several."""
-    if number.effect not in EFFECTS.names:
-        return number.what if number.effect else f"base parameter {number.what}"
-    effect = EFFECTS[number.effect]
-    words = subject(Named(effect, number.joint, number.partner, {number.key: number.shown}))
-    return f"{words} ({number.key.replace('_', ' ')})" if len(effect.parameters) > 1 else words
 
 
 def _compared(
@@ -402,9 +399,25 @@ def summarise(task: str, document: Mapping[str, Any]) -> Summary:
     mismatch, j = max(sizes, default=(None, 0))
     joint = "" if mismatch is None else str(before["joints"][-j])
     if task == "identify":
-        return Summary(kind, mismatch, joint, numbers=tuple(_identified(document)))
+        identified: list[Number] = []
+        for law in document["effects"]:
+            identified += _numbers(law["parameters"], law["effect"], law["joint"])
+        law_alone = re.compile(rf"({'|'.join(map(re.escape, EFFECTS.names))})[\w.]*")
+        for base in document["base_parameters"]:
+            value, std = base["estimate"], base["std"]
+            if not law_alone.fullmatch(base["expression"]) and value is not None and std:
+                identified.append(Number(base["expression"], base["unit"], value, std))
+        return Summary(kind, mismatch, joint, numbers=tuple(identified))
     left = None if mismatch is None else _over(fit["after"], -j)
-    found = tuple(_cause(finding) for finding in document["findings"])
+    causes: list[Cause] = []
+    for finding in document["findings"]:
+        parameters = finding["parameters"]
+        at = finding["effect"], finding["joint"], parameters.get("partner", {}).get("value")
+        parts = tuple(_numbers(parameters, *at))
+        stated = parameters[parts[0].key].get("stated") if parts else None
+        share = max((finding.get("torque_share") or {}).values(), default=0.0)
+        causes.append(Cause(*at, parts, finding["role"], float(share), float(stated or 0.0)))
+    found = tuple(causes)
     numbers = tuple(number for cause in found for number in cause.numbers)
     tolerance = float(document.get("tolerance") or 0.0)
     return Summary(kind, mismatch, joint, left, str(document["verdict"]), numbers, found, tolerance)
@@ -417,26 +430,6 @@ def _over(fit: Mapping[str, Sequence[Any]], j: int) -> float | None:
 
 def _law_name(effect: str, joint: str | None, partner: str | None = None) -> str:
     return effect + (f" of {joint}{f' and {partner}' if partner else ''}" if joint else "")
-
-
-def _cause(finding: Mapping[str, Any]) -> Cause:
-    parameters = finding["parameters"]
-    at = finding["effect"], finding["joint"], parameters.get("partner", {}).get("value")
-    numbers = tuple(_numbers(parameters, *at))
-    stated = parameters[numbers[0].key].get("stated") if numbers else None
-    share = max((finding.get("torque_share") or {}).values(), default=0.0)
-    return Cause(*at, numbers, finding["role"], float(share), float(stated or 0.0))
-
-
-def _identified(document: Mapping[str, Any]) -> Iterator[Number]:
-    """Parameters of laws, and base parameters other than the coefficient of a single law."""
-    for law in document["effects"]:
-        yield from _numbers(law["parameters"], law["effect"], law["joint"])
-    law_alone = re.compile(rf"({'|'.join(map(re.escape, EFFECTS.names))})[\w.]*")
-    for base in document["base_parameters"]:
-        value, std = base["estimate"], base["std"]
-        if not law_alone.fullmatch(base["expression"]) and value is not None and std:
-            yield Number(base["expression"], base["unit"], value, std)
 
 
 def _numbers(

@@ -110,19 +110,16 @@ def write_actuators(model: Model) -> Exported:
         if stated:
             lines += ["", f"[{table}]", *(f"{key} = {value!r}  # {_UNITS[key]}" for key, value in stated.items())]
         if joint in model.servos:
-            lines += ["", f"[{table}.servo]", *_servo_lines(model.servos[joint])]
+            servo = model.servos[joint]
+            numbers = [f'law = "{servo.law}"', *([f'kd_on = "{servo.kd_on}"'] if servo.kd_on != Servo.kd_on else [])]
+            for key in (name for name in SERVO_NUMBERS if name not in (*PASSIVE_LAWS, "droop", *left_out(servo))):
+                value = float(getattr(servo, key))
+                if np.isfinite(value) and (value > 0 or key in ("kd", "delay")):
+                    known = "; not identifiable, as stated before" if key in servo.not_identifiable else ""
+                    numbers.append(f"{key} = {value!r}  # {SERVO_UNITS[key]}{known}")
+            numbers += [] if servo.kp_register is None else [f"kp_register = {float(servo.kp_register)!r}"]
+            lines += ["", f"[{table}.servo]", *numbers]
     return Exported("\n".join(lines) + "\n")
-
-
-def _servo_lines(servo: Servo) -> list[str]:
-    """Keys of a drive that are not keys of its joint; numbers without an effect or not known are left out."""
-    lines = [f'law = "{servo.law}"', *([f'kd_on = "{servo.kd_on}"'] if servo.kd_on != Servo.kd_on else [])]
-    for key in (name for name in SERVO_NUMBERS if name not in (*PASSIVE_LAWS, "droop", *left_out(servo))):
-        value = float(getattr(servo, key))
-        if np.isfinite(value) and (value > 0 or key in ("kd", "delay")):
-            known = "; not identifiable, as stated before" if key in servo.not_identifiable else ""
-            lines.append(f"{key} = {value!r}  # {SERVO_UNITS[key]}{known}")
-    return [*lines, *([] if servo.kp_register is None else [f"kp_register = {float(servo.kp_register)!r}"])]
 
 
 def _driven(model: Model) -> dict[str, dict[str, float]]:

@@ -107,7 +107,17 @@ def possible_bodies(model: Model) -> PossibleBodies:
     odd = [name for name, body in zip(model.robot.links, links, strict=True) if body is None]
     if not odd:
         return PossibleBodies([body for body in links if body], loads, [])
-    changed = _exchanged(model)
+    base = build_base(replace(model.robot, model=model.bodies()))
+    value = base.combination @ model.whole_inertials().ravel()
+    size = np.maximum(np.abs(value), 1e-3 * np.abs(value).max(initial=1e-9))
+    known = Estimate(value, np.diag((size / _EXACT_RATIO) ** 2), np.diag((_EXACT_RATIO / size) ** 2), np.zeros(0), ())
+    fit = fit_consistent(base, known, Parameters(base.labels, stated_inertials(model.robot).ravel()))
+    if not fit.feasible_without_moving:
+        changed = None
+    else:
+        near = fit.parameters.values
+        exact = Parameters(base.labels, near + least_squares(base.combination, value - base.combination @ near))
+        changed = exact.bodies() if exact.is_feasible() else None
     bodies = [] if changed is None else [body for body in map(principal, changed) if body]
     if len(bodies) < len(links):
         raise RobotError(
@@ -116,23 +126,6 @@ def possible_bodies(model: Model) -> PossibleBodies:
         )
     note = f"inertials are replaced by consistent ones with the same torque, since {shorten(odd)} had inconsistent ones"
     return PossibleBodies(bodies, [], [note])
-
-
-def _exchanged(model: Model) -> Array | None:
-    """Consistent inertials with the torque of the model, (nb, 10) [kg, kg.m, kg.m2]; None if there are none.
-
-    They have the same base parameters and are otherwise close to the description.
-    """
-    base = build_base(replace(model.robot, model=model.bodies()))
-    value = base.combination @ model.whole_inertials().ravel()
-    size = np.maximum(np.abs(value), 1e-3 * np.abs(value).max(initial=1e-9))
-    known = Estimate(value, np.diag((size / _EXACT_RATIO) ** 2), np.diag((_EXACT_RATIO / size) ** 2), np.zeros(0), ())
-    fit = fit_consistent(base, known, Parameters(base.labels, stated_inertials(model.robot).ravel()))
-    if not fit.feasible_without_moving:
-        return None
-    near = fit.parameters.values
-    exact = Parameters(base.labels, near + least_squares(base.combination, value - base.combination @ near))
-    return exact.bodies() if exact.is_feasible() else None
 
 
 @dataclass(frozen=True)

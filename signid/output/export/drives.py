@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -52,24 +52,21 @@ def with_known_numbers(model: Model, gain: bool) -> tuple[Model, list[str]]:
             if np.isfinite(std) and std > 0 and name not in servo.not_identifiable:
                 known[name] = round(getattr(servo, name), 1 - int(np.floor(np.log10(std))))
         servos[joint] = replace(servo, **known)
-    notes = _unknown_notes(model.servos, SERVO_NUMBERS if gain else PASSIVE_LAWS)
-    return with_servos(model, servos, complete=True), list(notes)
-
-
-def _unknown_notes(servos: Mapping[str, Servo], names: Sequence[str]) -> Iterator[str]:
-    """Numbers that are left out or as stated, those of the same joints together, and sums."""
+    notes = []
+    names = SERVO_NUMBERS if gain else PASSIVE_LAWS
     for stated, what in ((True, "as stated before the recordings"), (False, "left out")):
         where: dict[str, list[str]] = {}
         for name in names:
-            at = [j for j, x in servos.items() if name in x.not_identifiable and (name in left_out(x)) != stated]
+            at = [j for j, x in model.servos.items() if name in x.not_identifiable and (name in left_out(x)) != stated]
             if at:
                 where.setdefault(shorten(at, MAX_NAMES), []).append(name)
         if where:
             listed = "; ".join(f"{', '.join(group)} of {at}" for at, group in where.items())
-            yield f"not identifiable from the recordings and {what}: {listed}"
+            notes.append(f"not identifiable from the recordings and {what}: {listed}")
     for name, sentence in _LEFT_OUT_NOTES.items():
-        if at := [joint for joint, servo in servos.items() if name in servo.combined and "kp" in names]:
-            yield sentence.format(shorten(at, MAX_NAMES))
+        if at := [joint for joint, servo in model.servos.items() if name in servo.combined and "kp" in names]:
+            notes.append(sentence.format(shorten(at, MAX_NAMES)))
+    return with_servos(model, servos, complete=True), notes
 
 
 _LEFT_OUT_NOTES = {

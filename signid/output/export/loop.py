@@ -110,14 +110,9 @@ def with_loop(kind: str, made: Exported, loop: Loop) -> Exported:
         f"the keyframe start is the state of {_log_name(loop)} at its first row; it does not hold the commands before "
         f"it: call mj_initCtrlHistory with its ctrl"
     )
-    return replace(made, text=_with_keyframe(made.text, loop), notes=(*made.notes, note, *loop.notes))
-
-
-def _with_keyframe(text: str, loop: Loop) -> str:
-    """MJCF with a keyframe: joints without a recorded position rest, mimic joints are where their leader puts them."""
     from lxml import etree
 
-    root: Any = etree.fromstring(text)
+    root: Any = etree.fromstring(made.text)
     recorded = dict(zip(loop.grid.joints, zip(loop.q, loop.v, strict=True), strict=True))
     state = {joint: (x, 0.0) for joint, x in resting(loop.written.robot).items()} | recorded
     for tie in root.iterfind("equality/joint"):
@@ -132,7 +127,9 @@ def _with_keyframe(text: str, loop: Loop) -> str:
     for name, values in {"name": "start", "qpos": words(q), "qvel": words(v), "ctrl": words(control)}.items():
         key.set(name, values)
     etree.indent(root)
-    return str(etree.tostring(root, encoding="unicode")) + "\n"
+    return replace(
+        made, text=str(etree.tostring(root, encoding="unicode")) + "\n", notes=(*made.notes, note, *loop.notes)
+    )
 
 
 def _log_name(loop: Loop) -> str:

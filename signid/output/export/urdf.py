@@ -128,7 +128,15 @@ def _elements(text: str) -> list[_Element]:
 
 
 def _inertial_edits(text: str, elements: list[_Element], inertials: Mapping[str, Array]) -> Iterator[_Edit]:
-    carrier = _carriers(elements)
+    above: dict[str, str] = {}
+    for held in elements:
+        ends = {child.tag: child.attributes.get("link", "") for child in held.children}
+        if held.tag == "joint" and held.attributes.get("type") == "fixed":
+            above[ends.get("child", "")] = ends.get("parent", "")
+    carrier = {element.name: element.name for element in elements if element.tag == "link"}
+    for rigid in carrier:
+        while carrier[rigid] in above:
+            carrier[rigid] = above[carrier[rigid]]
     for link in (element for element in elements if element.tag == "link"):
         name = carrier.get(link.name, "")
         if name not in inertials or np.isnan(inertials[name]).any():
@@ -163,20 +171,16 @@ def _friction_edits(text: str, elements: list[_Element], friction: Mapping[str, 
             tag = f"<dynamics {' '.join(f'{key}={_quoted(x)}' for key, x in values.items())}/>"
             yield _inserted(text, joint, None, [tag])
         elif stated is not None:
-            yield _Edit(stated.start, stated.inside, _attributed(text[stated.start : stated.inside], values))
-
-
-def _attributed(tag: str, values: Mapping[str, float]) -> str:
-    """Set attributes of an opening tag; keep the others and the spacing."""
-    for key, value in values.items():
-        stated = re.search(rf"""\s{key}\s*=\s*("[^"]*"|'[^']*')""", tag)
-        end = re.search(r"\s*/?>$", tag)
-        assert end is not None, "a tag ends in > or />"
-        if stated:
-            tag = tag[: stated.start(1)] + _quoted(value) + tag[stated.end(1) :]
-        else:
-            tag = f"{tag[: end.start()]} {key}={_quoted(value)}{tag[end.start() :]}"
-    return tag
+            opening = text[stated.start : stated.inside]
+            for key, value in values.items():
+                known = re.search(rf"""\s{key}\s*=\s*("[^"]*"|'[^']*')""", opening)
+                end = re.search(r"\s*/?>$", opening)
+                assert end is not None, "a tag ends in > or />"
+                if known:
+                    opening = opening[: known.start(1)] + _quoted(value) + opening[known.end(1) :]
+                else:
+                    opening = f"{opening[: end.start()]} {key}={_quoted(value)}{opening[end.start() :]}"
+            yield _Edit(stated.start, stated.inside, opening)
 
 
 def _inserted(text: str, parent: _Element, stated: _Element | None, lines: list[str]) -> _Edit:
@@ -201,17 +205,3 @@ def _margin(text: str, at: int) -> str:
 
 def _quoted(value: float) -> str:
     return quoteattr(repr(float(value) + 0.0))
-
-
-def _carriers(elements: list[_Element]) -> dict[str, str]:
-    """The moving link to which each link is rigidly attached, or the link itself."""
-    above: dict[str, str] = {}
-    for joint in elements:
-        ends = {child.tag: child.attributes.get("link", "") for child in joint.children}
-        if joint.tag == "joint" and joint.attributes.get("type") == "fixed":
-            above[ends.get("child", "")] = ends.get("parent", "")
-    carriers = {element.name: element.name for element in elements if element.tag == "link"}
-    for link in carriers:
-        while carriers[link] in above:
-            carriers[link] = above[carriers[link]]
-    return carriers

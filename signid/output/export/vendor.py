@@ -198,7 +198,14 @@ def write_franka(model: Model, flange: str | None = None, tool: str | None = Non
 def write_kuka(model: Model, flange: str | None = None, tool: str | None = None) -> Exported:
     """Write `LOAD_DATA[1]`, and `TOOL_DATA[1]` if a tool frame is named."""
     payload = flange_of(model, KUKA_FLANGE, flange, tool)
-    moments, axes = _principal(np.zeros((3, 3)) if payload.inertia is None else payload.inertia)
+    moments, axes = np.linalg.eigh(np.zeros((3, 3)) if payload.inertia is None else payload.inertia)
+    order = list(
+        max(permutations(range(3)), key=lambda axis_order: float(np.abs(np.diag(axes[:, list(axis_order)])).sum()))
+    )
+    axes = axes[:, order] * np.where(np.diag(axes[:, order]) < 0, -1.0, 1.0)
+    if np.linalg.det(axes) < 0:
+        axes[:, np.argmin(np.diag(axes))] *= -1.0
+    moments = moments[order]
     load = f"{{M {_real(payload.mass)},CM {_pose(payload.centre, axes)},J {_labelled('XYZ', moments)}}}"
     lines = [f"LOAD_DATA[1]={load}"]
     if payload.tool is not None:
@@ -215,18 +222,6 @@ def write_kuka(model: Model, flange: str | None = None, tool: str | None = None)
         *notes,
     ]
     return Exported("".join(f"; {line}\n" for line in said) + "\n".join(lines) + "\n", tuple(notes))
-
-
-def _principal(inertia: Array) -> tuple[Array, Array]:
-    """Principal moments (3,) [kg.m2] and axes as columns (3, 3) [1], nearest to those of the flange."""
-    moments, axes = np.linalg.eigh(inertia)
-    order = list(
-        max(permutations(range(3)), key=lambda axis_order: float(np.abs(np.diag(axes[:, list(axis_order)])).sum()))
-    )
-    axes = axes[:, order] * np.where(np.diag(axes[:, order]) < 0, -1.0, 1.0)
-    if np.linalg.det(axes) < 0:
-        axes[:, np.argmin(np.diag(axes))] *= -1.0
-    return moments[order], axes
 
 
 def _pose(position: Array, rotation: Array) -> str:

@@ -86,7 +86,20 @@ def read_found(diagnosis: Diagnosis | ServoDiagnosis | str | Path) -> ReplayFind
         if after.servos:
             drives = tuple(map(_drive_finding, content["findings"]))
             return ReplayFindings(str(content["verdict"]), after, (), drives)
-        findings = tuple(_finding(x, after) for x in content["findings"])
+        found: list[ReplayFinding] = []
+        for x in content["findings"]:
+            numbers = x["parameters"]
+            values = {key: number["value"] for key, number in numbers.items()}
+            found.append(
+                ReplayFinding(
+                    law=law_at(EFFECTS[x["effect"]], after.robot, x["joint"], values),
+                    std={key: number["std"] for key, number in numbers.items()},
+                    probability=float(x["probability"]),
+                    cause=x["role"] == "cause",
+                    stated={key: number["stated"] for key, number in numbers.items() if "stated" in number},
+                )
+            )
+        findings = tuple(found)
         left = tuple(float(x["share"]) for x in content.get("unexplained", ()) if x.get("without_cause"))
         return ReplayFindings(str(content["verdict"]), after, findings, left=left)
     except OSError as error:
@@ -95,18 +108,6 @@ def read_found(diagnosis: Diagnosis | ServoDiagnosis | str | Path) -> ReplayFind
         raise
     except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
         raise OptionError(f"{path} is not a diagnosis.json of `signid diagnose` ({error!r})") from None
-
-
-def _finding(entry: Mapping[str, Any], after: Model) -> ReplayFinding:
-    numbers = entry["parameters"]
-    values = {key: number["value"] for key, number in numbers.items()}
-    return ReplayFinding(
-        law=law_at(EFFECTS[entry["effect"]], after.robot, entry["joint"], values),
-        std={key: number["std"] for key, number in numbers.items()},
-        probability=float(entry["probability"]),
-        cause=entry["role"] == "cause",
-        stated={key: number["stated"] for key, number in numbers.items() if "stated" in number},
-    )
 
 
 def _drive_finding(entry: Mapping[str, Any]) -> DriveFinding:
@@ -190,28 +191,23 @@ def _mark(robot: Robot, finding: ReplayFinding, reach: float, origin: float) -> 
         place = tuple(robot.model.inertias[body].lever), tuple(-_vector(p, "force"))
         return Mark("force", body, *words, *place, time=(p["start"], p["end"]))
     if isinstance(law.effect, BodyLaw) and "first_moment_x" in p:
-        return _body(robot, law, words, reach)
+        body, along, _ = axis(robot, law.joints[0])
+        title, lines, cause = words
+        mass, moment = law.parameters["mass"], _vector(law.parameters, "first_moment")
+        at = moment / mass if mass else np.full(3, np.inf)
+        if np.linalg.norm(at) < MAX_CENTRE_DISTANCE * reach:
+            where = ", ".join(f"{1000 * x:z.0f}" for x in at)
+            lines = (lines[0], f"centre of mass at {where} mm in the joint frame", lines[-1])
+        else:  # too far away for a mass of this link
+            at = robot.model.inertias[body].lever
+        radius = float(np.cbrt(3 * abs(mass) / (4 * np.pi * DRAWN_DENSITY)))
+        return Mark("body", body, title, lines, cause, tuple(at), tuple(along), min(radius, reach / 4))
     if law.effect.name == "base_tilt":
         return Mark("tilt", 0, *words, centre, (float(p["x"]), float(p["y"]), 0.0))
     if joint is None:
         return Mark("robot", 0, *words, centre, (0.0, 0.0, 1.0))
     body, along, _ = axis(robot, law.joints[0])
     return Mark("joint", body, *words, centre, tuple(along))
-
-
-def _body(robot: Robot, law: Law, words: tuple[str, tuple[str, ...], bool], reach: float) -> Mark:
-    """A ball of the mass at its centre; if that is too far away, at the centre of the link."""
-    body, along, _ = axis(robot, law.joints[0])
-    title, lines, cause = words
-    mass, moment = law.parameters["mass"], _vector(law.parameters, "first_moment")
-    centre = moment / mass if mass else np.full(3, np.inf)
-    if np.linalg.norm(centre) < MAX_CENTRE_DISTANCE * reach:
-        where = ", ".join(f"{1000 * x:z.0f}" for x in centre)
-        lines = (lines[0], f"centre of mass at {where} mm in the joint frame", lines[-1])
-    else:
-        centre = robot.model.inertias[body].lever
-    radius = float(np.cbrt(3 * abs(mass) / (4 * np.pi * DRAWN_DENSITY)))
-    return Mark("body", body, title, lines, cause, tuple(centre), tuple(along), min(radius, reach / 4))
 
 
 def _figure(value: float, half: float) -> str:

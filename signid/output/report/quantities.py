@@ -259,31 +259,28 @@ def effects_document(effects: Sequence[Effect]) -> Document:
 def effects_tables(effects: Sequence[Effect]) -> list[RenderableType]:
     """Describe one effect in full, or list the notation of several."""
     if len(effects) == 1:
-        return _card_lines(effects[0])
+        single = effects[0]
+        table = new_table("parameter", "usual>", "unit", "torque is")
+        for key, parameter in single.parameters.items():
+            linear = "linear in it" if isinstance(parameter, Coefficient) else "not linear in it"
+            table.add_row(key, f"{single.example[key]:g}", parameter.unit, linear)
+        alike = [paragraph(f"Hard to distinguish from {', '.join(single.twins)}.")] if single.twins else []
+        return [
+            heading(single.name, below=False),
+            paragraph(str(getdoc(type(single)))),
+            heading("Law (additional motor torque, torque of a deflection, recorded value, or signal of a drive)"),
+            paragraph(single.equation),
+            *([heading("Parameters"), table] if single.parameters else []),
+            heading("Usual size"),
+            paragraph(f"{single.typical}."),
+            *alike,
+            heading("Source"),
+            paragraph(single.source),
+            heading("Inject"),
+            paragraph(f"signid simulate ROBOT -o recording.csv --inject {law_syntax(single)}"),
+        ]
     lines: list[RenderableType] = []
     for kind, name in EFFECT_KINDS.items():
         mine = [paragraph(f"  {law_syntax(effect)}") for effect in effects if isinstance(effect, kind)]
         lines += [heading(f"Laws of the {name}", below=bool(lines)), *mine] if mine else []
     return [*lines, paragraph("\nValues are usual ones. signid effects NAME shows the law, its units and its source.")]
-
-
-def _card_lines(effect: Effect) -> list[RenderableType]:
-    table = new_table("parameter", "usual>", "unit", "torque is")
-    for key, kind in effect.parameters.items():
-        linear = "linear in it" if isinstance(kind, Coefficient) else "not linear in it"
-        table.add_row(key, f"{effect.example[key]:g}", kind.unit, linear)
-    alike = [paragraph(f"Hard to distinguish from {', '.join(effect.twins)}.")] if effect.twins else []
-    return [
-        heading(effect.name, below=False),
-        paragraph(str(getdoc(type(effect)))),
-        heading("Law (additional motor torque, torque of a deflection, recorded value, or signal of a drive)"),
-        paragraph(effect.equation),
-        *([heading("Parameters"), table] if effect.parameters else []),
-        heading("Usual size"),
-        paragraph(f"{effect.typical}."),
-        *alike,
-        heading("Source"),
-        paragraph(effect.source),
-        heading("Inject"),
-        paragraph(f"signid simulate ROBOT -o recording.csv --inject {law_syntax(effect)}"),
-    ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from stat import S_ISREG
@@ -124,7 +124,12 @@ def write_files(
             if target.is_dir():
                 raise _refusal(folder, place, IsADirectoryError(0, f"{target.name} in it is a folder"), option)
             waiting.append((_aside(place, content), target))
-        _clear(place, [temporary for temporary, _ in waiting])
+        ours = [temporary for temporary, _ in waiting]
+        now = max((path.stat().st_mtime for path in ours), default=0.0)
+        for left in place.glob(f"{MARK}*"):
+            with suppress(OSError):
+                if S_ISREG(left.lstat().st_mode) and _NAME.fullmatch(left.name) and is_abandoned(left, now):
+                    left.unlink()
         for temporary, target in reversed(waiting):
             os.replace(temporary, target)
     except BaseException as error:
@@ -176,15 +181,6 @@ def refused_output(path: Path, option: str) -> Iterator[None]:
         yield
     except OSError as error:
         raise error if isinstance(error, OutputError) else _file_refusal(path, error, option) from None
-
-
-def _clear(place: Path, ours: Sequence[Path]) -> None:
-    """Remove abandoned temporary files, by the clock of the machine that holds the folder."""
-    now = max((path.stat().st_mtime for path in ours), default=0.0)
-    for left in place.glob(f"{MARK}*"):
-        with suppress(OSError):
-            if S_ISREG(left.lstat().st_mode) and _NAME.fullmatch(left.name) and is_abandoned(left, now):
-                left.unlink()
 
 
 def _aside(place: Path, content: Content) -> Path:

@@ -32,33 +32,26 @@ class Arrow(Format):
             if content.startswith(FIRST):
                 fault = f"{path} is Feather of version 1, which is no longer read"
                 raise RecordingError(f"{fault}; write it again as Feather of version 2 or as Parquet")
-            require_memory(path, TIMES * sum(_sizes(content)))
+            sizes: list[float] = []
+            for place, body in _blocks(content) if content.startswith(FILE) else _messages(content):
+                message = _Tables(content, place)
+                kind, header = message.integer("<B", message.root, 1), message.table(message.root, 2)
+                if kind == DICTIONARY:
+                    header = message.table(header, 1)
+                elif kind != BATCH:
+                    continue
+                sizes.append(8.0 * message.integer("<q", header, 0))
+                packed = message.field(header, 3)
+                for offset, size in message.structures(header, 2, "<qq"):
+                    stated = struct.unpack_from("<q", content, body + offset)[0] if packed and size >= 8 else 0
+                    sizes.append(float(max(size, stated)))
+            require_memory(path, TIMES * sum(sizes))
             with hushed():
                 frame = pl.read_ipc(content) if content.startswith(FILE) else pl.read_ipc_stream(content)
                 require_memory(path, 8.0 * frame.height * frame.width)
                 return ScannedTable(path, frame.lazy())
         except (*BROKEN, struct.error, OverflowError) as error:
             raise RecordingError(f"{path} is not an Arrow table, or is cut short; copy or write it again") from error
-
-
-def _sizes(content: bytes) -> Iterator[float]:
-    """Sizes [bytes] that messages state for their arrays of numbers, which a library would request unseen.
-
-    Raises:
-        struct.error: damaged content.
-    """
-    for place, body in _blocks(content) if content.startswith(FILE) else _messages(content):
-        message = _Tables(content, place)
-        kind, header = message.integer("<B", message.root, 1), message.table(message.root, 2)
-        if kind == DICTIONARY:
-            header = message.table(header, 1)
-        elif kind != BATCH:
-            continue
-        yield 8.0 * message.integer("<q", header, 0)  # rows
-        packed = message.field(header, 3)
-        for offset, size in message.structures(header, 2, "<qq"):
-            stated = struct.unpack_from("<q", content, body + offset)[0] if packed and size >= 8 else 0
-            yield float(max(size, stated))
 
 
 def _blocks(content: bytes) -> Iterator[tuple[int, int]]:

@@ -48,7 +48,13 @@ def memory_table(arrays: Mapping[str, Any], source: str, about: About | None = N
         array = np.asarray(value)
         if np.ma.isMaskedArray(value) and array.dtype.kind in NUMBERS:
             array = np.ma.filled(value.astype(np.float64), np.nan)  # masked values are missing
-        named[name] = _seconds(array)
+        if array.dtype.kind not in DATES:
+            named[name] = array
+        else:
+            known = array[~np.isnat(array)]
+            since = array - known[0] if array.dtype.kind == "M" and len(known) else array
+            count = since.astype("timedelta64[ns]").astype(np.int64) / 1e9
+            named[name] = np.where(np.isnat(since), np.nan, count)
     reference, rows = _samples(named)
     columns: dict[str, np.ndarray] = {}
     for name, value in named.items():
@@ -123,16 +129,6 @@ def _columns(name: str, value: np.ndarray, rows: int, source: str) -> Iterator[t
         yield name, value
         return
     yield from ((f"{name}_{k}", part) for k, part in enumerate(matrix.T, 1))
-
-
-def _seconds(stamps: np.ndarray) -> np.ndarray:
-    """Dates as seconds since the first one, and durations as seconds; other arrays are unchanged."""
-    if stamps.dtype.kind not in DATES:
-        return stamps
-    known = stamps[~np.isnat(stamps)]
-    since = stamps - known[0] if stamps.dtype.kind == "M" and len(known) else stamps
-    count = since.astype("timedelta64[ns]").astype(np.int64) / 1e9
-    return np.where(np.isnat(since), np.nan, count)
 
 
 def _fault(column: np.ndarray, reference: str, rows: int) -> str:

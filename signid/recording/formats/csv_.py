@@ -170,26 +170,6 @@ def _of_texts(path: Path, content: bytes, layout: TextLayout) -> MemoryTable:
     except BROKEN as error:
         raise RecordingError(_shape_fault(path, content, layout)) from error
     frame = frame.with_columns(pl.all().str.strip_chars())
-    frame, notes = _samples(frame)
-    frame, said = _named_by_texts(frame)
-    notes += said
-    usable, unusable = dict[str, Array](), dict[str, str]()
-    for text in frame:
-        column = text.str.replace(",", ".", literal=True) if layout.decimal_comma else text
-        number = column.cast(pl.Float64, strict=False)
-        wrong = (number.is_null() & (column != "").fill_null(False) & ~column.is_in(MISSING)).arg_true()
-        if not len(wrong):
-            usable[text.name] = np.asarray(number.to_numpy(), np.float64)
-        elif (seconds := _seconds_of_dates(column)) is not None:
-            usable[text.name] = seconds
-            notes += (f"column {text.name!r} holds dates or times of day, read as seconds",)
-        else:
-            unusable[text.name] = f"holds {text[wrong[0]]!r} in row {wrong[0] + 1}, expected a number or nothing"
-    return MemoryTable(usable, unusable, str(path), About((*layout.notes, *notes)))
-
-
-def _samples(frame: pl.DataFrame) -> tuple[pl.DataFrame, tuple[str, ...]]:
-    """Rows without those that repeat the header and those of text at the end, and notes."""
     repeated = (
         frame.select(pl.all_horizontal(pl.col(name) == name for name in frame.columns)).to_series().fill_null(False)
     )
@@ -203,20 +183,29 @@ def _samples(frame: pl.DataFrame) -> tuple[pl.DataFrame, tuple[str, ...]]:
         below += 1
     if below:
         notes += (f"lines of text below the samples left out: {below}",)
-    return frame.head(frame.height - below), notes
-
-
-def _named_by_texts(frame: pl.DataFrame) -> tuple[pl.DataFrame, tuple[str, ...]]:
-    """Columns such as position_0 with the text that name_0 holds in every row in place of their number, and a note."""
+    frame = frame.head(frame.height - below)
     numbered = [(text, match[2]) for text in frame if (match := NAME.fullmatch(text.name)) and text.n_unique() == 1]
     names = {number: str(text[0]) for text, number in numbered if text[0] and not is_number(text[0])}
     ends = {column: re.fullmatch(r"(.*?[_.\[])(\d+)\]?", column) for column in frame.columns}
     texts = {text.name for text, _ in numbered}
     known = {column: end for column, end in ends.items() if end and end[2] in names and column not in texts}
     new = {column: f"{end[1].rstrip('[._')}_{names[end[2]]}" for column, end in known.items()}
-    if len({*new.values()} - {*frame.columns}) < len(new) or not new:
-        return frame, ()
-    return frame.rename(new).drop(texts), (f"columns are named by the texts of {shorten(sorted(texts), 3)}",)
+    if new and len({*new.values()} - {*frame.columns}) == len(new):
+        frame = frame.rename(new).drop(texts)
+        notes += (f"columns are named by the texts of {shorten(sorted(texts), 3)}",)
+    usable, unusable = dict[str, Array](), dict[str, str]()
+    for text in frame:
+        column = text.str.replace(",", ".", literal=True) if layout.decimal_comma else text
+        number = column.cast(pl.Float64, strict=False)
+        wrong = (number.is_null() & (column != "").fill_null(False) & ~column.is_in(MISSING)).arg_true()
+        if not len(wrong):
+            usable[text.name] = np.asarray(number.to_numpy(), np.float64)
+        elif (seconds := _seconds_of_dates(column)) is not None:
+            usable[text.name] = seconds
+            notes += (f"column {text.name!r} holds dates or times of day, read as seconds",)
+        else:
+            unusable[text.name] = f"holds {text[wrong[0]]!r} in row {wrong[0] + 1}, expected a number or nothing"
+    return MemoryTable(usable, unusable, str(path), About((*layout.notes, *notes)))
 
 
 def _seconds_of_dates(column: pl.Series) -> Array | None:

@@ -49,7 +49,16 @@ class LeRobot(Format):
             raise RecordingError(f"{path} has meta/info.json but no tables data/*/*.parquet; copy the dataset again")
         try:
             with hushed():
-                frame = pl.concat([_read(table) for table in tables], how="diagonal_relaxed")
+                frames: list[pl.DataFrame] = []
+                for table in tables:
+                    scan = pl.scan_parquet(table, glob=False)
+                    wanted = (*KINDS, "timestamp", "frame_index", "episode_index")
+                    chosen = scan.select(name for name in scan.collect_schema().names() if name in wanted)
+                    rows = scan.select(pl.len()).collect().item()
+                    size = TIMES * rows * chosen.head(1).collect().estimated_size()
+                    require_memory(table, size, "give fewer episodes at a time")
+                    frames.append(chosen.collect())
+                frame = pl.concat(frames, how="diagonal_relaxed")
             if not frame.height:
                 raise RecordingError(f"{path} has tables without rows; record an episode, or copy the dataset again")
             return _table(path, frame, info)
@@ -76,16 +85,6 @@ def _info(path: Path) -> Mapping[str, Any]:
     raise RecordingError(f"{path} is not a valid LeRobot description with fps and features; copy the dataset again")
 
 
-def _read(table: Path) -> pl.DataFrame:
-    scan = pl.scan_parquet(table, glob=False)
-    wanted = (*KINDS, "timestamp", "frame_index", "episode_index")
-    chosen = scan.select(name for name in scan.collect_schema().names() if name in wanted)
-    rows = scan.select(pl.len()).collect().item()
-    size = TIMES * rows * chosen.head(1).collect().estimated_size()
-    require_memory(table, size, "give fewer episodes at a time")
-    return chosen.collect()
-
-
 def _table(path: Path, frame: pl.DataFrame, info: Mapping[str, Any]) -> MemoryTable:
     order = [name for name in ("episode_index", "frame_index") if name in frame.columns]
     frame = frame.sort(order) if order else frame
@@ -102,7 +101,14 @@ def _table(path: Path, frame: pl.DataFrame, info: Mapping[str, Any]) -> MemoryTa
                 names = [str(k + 1) for k in range(values.shape[1])]
                 notes += (f"{feature} has no names in meta/info.json: assigned to joints 1 to {len(names)} in turn",)
             for name, value in zip(names, values.T, strict=True):
-                columns.setdefault(_column(KINDS[feature], name), value)
+                kind = KINDS[feature]
+                joint, dot, ending = name.rpartition(".")
+                stated = ENDINGS.get(ending, "") if dot else ""
+                if stated in ("", "q"):
+                    column = f"{kind}_{joint if stated else name}"
+                else:
+                    column = f"action_{name}" if kind == "q_des" else f"{stated}_{joint}"
+                columns.setdefault(column, value)
     if not any(name.startswith("q_") and not name.startswith("q_des_") for name in columns):
         raise RecordingError(f"{path} has no observation.state; give a dataset that records the joints")
     if not any(name.startswith(("tau_", "current_")) for name in columns):
@@ -155,15 +161,6 @@ def _matrix(path: Path, series: pl.Series) -> Array:
     if len(sizes) != 1 or not sizes[0]:
         raise RecordingError(f"{path}: {series.name} holds lists of different lengths; correct the dataset")
     return np.asarray(lists.list.to_array(sizes[0]).to_numpy()).reshape(-1, sizes[0])
-
-
-def _column(kind: str, name: str) -> str:
-    """Column of a value, whose suffix may state its kind; actions other than positions keep their names."""
-    joint, dot, ending = name.rpartition(".")
-    stated = ENDINGS.get(ending, "") if dot else ""
-    if stated in ("", "q"):
-        return f"{kind}_{joint if stated else name}"
-    return f"action_{name}" if kind == "q_des" else f"{stated}_{joint}"
 
 
 PLUGIN = LeRobot()

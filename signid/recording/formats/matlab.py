@@ -105,7 +105,17 @@ def _readable(content: bytes) -> tuple[bytes, list[str]]:
             objects.append(f"{what} {name}")
         elif kind == STRUCT or kind in NUMBERS:
             names.append(whole[parts[2].start : parts[2].stop])
-            _check_depth(whole, inner, order)
+            waiting = [(inner, 0)]
+            while waiting:
+                whole_part, depth = waiting.pop()
+                if depth > MOST_DEPTH:
+                    raise ValueError("nested too deeply")
+                class_, elements = _array(whole, whole_part, order)
+                if class_ in NAMES_BEFORE:
+                    within = elements[3 + NAMES_BEFORE[class_] :]
+                    waiting += [
+                        (part, depth + 1) for part in within if part.kind == MATRIX and part.stop <= whole_part.stop
+                    ]
             kept.append(whole[: inner.end])
     if len({*names}) < len(names):
         raise ValueError("a name twice")
@@ -130,18 +140,6 @@ def _array(content: bytes, array: _Element, order: str) -> tuple[int, list[_Elem
         return CELL, []  # empty
     (flags,) = struct.unpack_from(f"{order}I", content, parts[0].start)
     return flags & 0xFF, parts
-
-
-def _check_depth(content: bytes, array: _Element, order: str) -> None:
-    waiting = [(array, 0)]
-    while waiting:
-        outer, depth = waiting.pop()
-        if depth > MOST_DEPTH:
-            raise ValueError("nested too deeply")
-        kind, parts = _array(content, outer, order)
-        if kind in NAMES_BEFORE:
-            inner = parts[3 + NAMES_BEFORE[kind] :]
-            waiting += [(part, depth + 1) for part in inner if part.kind == MATRIX and part.stop <= outer.stop]
 
 
 def _parts(name: str, value: Any, depth: int) -> Iterator[tuple[str, Any]]:

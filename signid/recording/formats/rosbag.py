@@ -399,27 +399,19 @@ def _chosen(path: Path, known: Topics, bag: Any, first: bool) -> list[str]:
 
 def _gathered(bag: Any, known: Topics, names: Sequence[str], first: bool) -> list[Gather]:
     """All messages of the named topics."""
-    read = {name: Gather(name, _kind(known[name])) for name in names}
-    wanted = [connection for name in names for connection in known[name]]
-    decode = _decoders(wanted, first)
-    for at, received, data in bag.messages(connections=wanted):
-        read[at.topic].add(decode[at.msgtype](data, at.msgtype), received)
-    return list(read.values())
-
-
-def _decoders(connections: Sequence[Any], first: bool) -> dict[str, Any]:
-    """Message decoders by type; types that differ between releases are defined by the bag."""
     from rosbags.interfaces import MessageDefinitionFormat as Form
     from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
-    decoders = {}
-    for kind in {connection.msgtype for connection in connections}:
+    read = {name: Gather(name, _kind(known[name])) for name in names}
+    wanted = [connection for name in names for connection in known[name]]
+    decode = {}  # decoders by type; types that differ between releases are defined by the bag
+    for kind in {connection.msgtype for connection in wanted}:
         store = get_typestore(Stores.ROS1_NOETIC if first else Stores.ROS2_HUMBLE)
         if kind in DEFINITIONS:
             for name, text in DEFINITIONS.items():
                 store.register(get_types_from_msg(text, name))
         elif not kind.startswith(STANDARD):
-            stated = next((c.msgdef for c in connections if c.msgtype == kind and c.msgdef.format != Form.NONE), None)
+            stated = next((c.msgdef for c in wanted if c.msgtype == kind and c.msgdef.format != Form.NONE), None)
             if stated is None:
                 fault = "differs between releases of ROS and is not defined in the bag; record MCAP, which defines it"
                 raise RecordingError(f"the type {kind} {fault}")
@@ -427,8 +419,10 @@ def _decoders(connections: Sequence[Any], first: bool) -> dict[str, Any]:
                 get_types_from_msg(stated.data, kind) if stated.format == Form.MSG else get_types_from_idl(stated.data)
             )
             store.register({name: parts for name, parts in types.items() if name not in store.fielddefs})
-        decoders[kind] = store.deserialize_ros1 if first else store.deserialize_cdr
-    return decoders
+        decode[kind] = store.deserialize_ros1 if first else store.deserialize_cdr
+    for at, received, data in bag.messages(connections=wanted):
+        read[at.topic].add(decode[at.msgtype](data, at.msgtype), received)
+    return list(read.values())
 
 
 def _topic(gather: Gather) -> Topic:

@@ -128,21 +128,17 @@ class _Line(NamedTuple):
         return bool(near > FAINT * self.power[round(self.frequency * bins)])
 
 
-def _activity(x: Array, order: int) -> Array:
-    """Size (N - order,) of differences of signals (N, c) over their local rms, summed over the signals [1]."""
-    if order == 1:
-        return np.asarray((np.diff(x, axis=0) != 0).mean(axis=1))
-    size = np.abs(np.diff(x, order, axis=0))
-    total = np.cumsum(np.vstack([np.zeros(x.shape[1]), size**2]), axis=0)
-    low = np.maximum(np.arange(len(size)) - LOCAL // 2, 0)
-    high = np.minimum(low + LOCAL, len(size))
-    local = np.sqrt(np.maximum(total[high] - total[low], 0.0) / (high - low)[:, None])
-    return np.asarray(np.minimum(size / np.where(local > 0, local, np.inf), OUTLIER).sum(axis=1))
-
-
 def _lines(x: Array, order: int) -> list[_Line]:
     """Lines in the spectrum of the activity of signals (N, c) that are there in all parts, the strongest first."""
-    y = _activity(x, order)
+    if order == 1:
+        y = np.asarray((np.diff(x, axis=0) != 0).mean(axis=1))
+    else:  # differences over their local rms, summed over the signals [1]
+        size = np.abs(np.diff(x, order, axis=0))
+        total = np.cumsum(np.vstack([np.zeros(x.shape[1]), size**2]), axis=0)
+        low = np.maximum(np.arange(len(size)) - LOCAL // 2, 0)
+        high = np.minimum(low + LOCAL, len(size))
+        local = np.sqrt(np.maximum(total[high] - total[low], 0.0) / (high - low)[:, None])
+        y = np.asarray(np.minimum(size / np.where(local > 0, local, np.inf), OUTLIER).sum(axis=1))
     n = len(y)
     if np.ptp(y) == 0:
         return []

@@ -247,7 +247,18 @@ def faults(facts: Facts) -> Iterator[str]:
     if not facts.moves.any():
         constant = ", ".join(facts.recording.columns["q"])
         yield f"no joint moves: position is constant in {constant}; record the robot in motion"
-    yield from _degrees(facts)
+    extremes, (lower, upper) = facts.accumulated.total, facts.limits
+    names, fastest = facts.recording.columns["q"], facts.robot.velocity_limit[facts.place]
+    for j in np.flatnonzero(~facts.robot.prismatic[facts.place]).tolist():
+        low, high = extremes.lower[j], extremes.upper[j]
+        reach, advice = f"column {names[j]!r} goes from {low:.4g} to {high:.4g}", RADIANS
+        if np.isfinite(lower[j]) and np.isfinite(upper[j]):
+            fits = low * DEGREE > lower[j] - 0.1 and high * DEGREE < upper[j] + 0.1
+            beyond = max(high - upper[j], lower[j] - low)
+            if fits and beyond > EXCESS and (facts.speed[j] > fastest[j] or beyond > RANGES * (upper[j] - lower[j])):
+                yield f"{reach}, limits are {lower[j]:.4g} to {upper[j]:.4g} rad: it is in degrees; {advice}"
+        elif not names[j].startswith(INTEGRAL) and high - low > SPIN and facts.speed[j] > RACE:
+            yield f"{reach} at {facts.speed[j]:.4g} each second: it seems to be in degrees; {advice}"
     if clock.period >= MILLISECONDS and clock.step >= 1 and facts.speed.max() < CRAWL:
         unit = likely_unit(clock.period)
         yield f"time steps by {clock.period:g}, which is too slow for seconds; it looks like {unit}: convert it"
@@ -262,21 +273,6 @@ def faults(facts: Facts) -> Iterator[str]:
         for column, reached in zip(columns[key], size, strict=True):
             if column and not reached < HUGE:
                 yield f"column {column!r} reaches {reached:.3g}, an implausible value; check the column and its unit"
-
-
-def _degrees(facts: Facts) -> Iterator[str]:
-    total, (lower, upper) = facts.accumulated.total, facts.limits
-    names, fastest = facts.recording.columns["q"], facts.robot.velocity_limit[facts.place]
-    for j in np.flatnonzero(~facts.robot.prismatic[facts.place]):
-        low, high = total.lower[j], total.upper[j]
-        reach, advice = f"column {names[j]!r} goes from {low:.4g} to {high:.4g}", RADIANS
-        if np.isfinite(lower[j]) and np.isfinite(upper[j]):
-            fits = low * DEGREE > lower[j] - 0.1 and high * DEGREE < upper[j] + 0.1
-            beyond = max(high - upper[j], lower[j] - low)
-            if fits and beyond > EXCESS and (facts.speed[j] > fastest[j] or beyond > RANGES * (upper[j] - lower[j])):
-                yield f"{reach}, limits are {lower[j]:.4g} to {upper[j]:.4g} rad: it is in degrees; {advice}"
-        elif not names[j].startswith(INTEGRAL) and high - low > SPIN and facts.speed[j] > RACE:
-            yield f"{reach} at {facts.speed[j]:.4g} each second: it seems to be in degrees; {advice}"
 
 
 def notes(facts: Facts) -> Iterator[str]:
@@ -305,14 +301,6 @@ def notes(facts: Facts) -> Iterator[str]:
     if accumulated.short:
         stretches = "1 stretch" if accumulated.short == 1 else f"{accumulated.short} stretches"
         yield f"{stretches} shorter than 8 samples or 0.5 s omitted"
-    yield from _joint_notes(facts)
-    for key, word in (("dq", "velocities"), ("ddq", "accelerations")):
-        columns = zip(facts.recording.columns.get(key, ()), facts.moves, strict=False)
-        if dead := [name for name, moves in columns if moves and name in facts.dead]:
-            yield f"{', '.join(dead)}: zero throughout although the joints move; {word} are computed from positions"
-
-
-def _joint_notes(facts: Facts) -> Iterator[str]:
     recording, (lower, upper) = facts.recording, facts.limits
     total = facts.accumulated.total
     wraps = {int(j) for turns in facts.accumulated.turns for j in np.flatnonzero(turns)}
@@ -329,6 +317,10 @@ def _joint_notes(facts: Facts) -> Iterator[str]:
         if j in wraps:
             by = "full turns" if abs(spans[j] - 2 * np.pi) < 1e-9 else f"{spans[j]:.5g} {unit}"
             yield f"column {column} wraps around by {by}: unwrapped"
+    for key, word in (("dq", "velocities"), ("ddq", "accelerations")):
+        columns = zip(facts.recording.columns.get(key, ()), facts.moves, strict=False)
+        if dead := [name for name, moves in columns if moves and name in facts.dead]:
+            yield f"{', '.join(dead)}: zero throughout although the joints move; {word} are computed from positions"
 
 
 def choose_clock(

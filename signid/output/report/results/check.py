@@ -87,11 +87,21 @@ def check_summary(found: Check) -> CheckSummary:
     tried = {words: (kind,) for words, kind in DESCRIPTION_FAULTS.items() if kind in found.faults.tried}
     looked_for = SAMPLE_FAULTS | (TORQUE_FAULTS if found.faults.compared else {}) | tried
     seen = {fault.kind for fault in found.faults.findings}
+    rows = []
+    for name, recording, s in zip(recording_names(found.recordings), found.recordings, found.samplings, strict=True):
+        used = share(min(s.rows / max(len(recording), 1), 1.0))
+        rates = figure(1 / s.step, 4), figure(s.content_rate, 4)
+        shortest, longest = (figure(1e3 * x) for x in s.jitter)
+        clock = "stamps, even" if s.uniform or shortest == longest else f"stamps, {shortest} to {longest} ms"
+        if s.clock.kind != "stamps":
+            lost = f", {s.clock.missing} rows lost" if s.clock.missing else ""
+            clock = f"{s.clock.kind}, jitter {figure(1e3 * s.clock.jitter, 2)} ms{lost}"
+        rows.append((name, str(len(recording)), used, figure(s.duration), *rates, clock, str(len(s.spans) - 1)))
     return CheckSummary(
         title=f"{robot.name}: {given}",
         verdict=verdict,
         headline=headline,
-        sampling=_sampling(found),
+        sampling=Cells(SAMPLING_HEADS, tuple(rows)),
         sampled=sampled,
         units=unit_uses(found.recordings, dict(zip(robot.joints, position_units(robot), strict=True))),
         unit_notes=units,
@@ -226,20 +236,6 @@ def gravity_use(found: Check) -> GravityUse:
     return GravityUse("uncertain", f"stated {text}; the torque of {where} carries {carried} of this weight")
 
 
-def _sampling(found: Check) -> Cells:
-    rows = []
-    for name, recording, s in zip(recording_names(found.recordings), found.recordings, found.samplings, strict=True):
-        used = share(min(s.rows / max(len(recording), 1), 1.0))
-        rates = figure(1 / s.step, 4), figure(s.content_rate, 4)
-        shortest, longest = (figure(1e3 * x) for x in s.jitter)
-        clock = "stamps, even" if s.uniform or shortest == longest else f"stamps, {shortest} to {longest} ms"
-        if s.clock.kind != "stamps":
-            lost = f", {s.clock.missing} rows lost" if s.clock.missing else ""
-            clock = f"{s.clock.kind}, jitter {figure(1e3 * s.clock.jitter, 2)} ms{lost}"
-        rows.append((name, str(len(recording)), used, figure(s.duration), *rates, clock, str(len(s.spans) - 1)))
-    return Cells(SAMPLING_HEADS, tuple(rows))
-
-
 def _joint_table(found: Check) -> Cells:
     robot, band, faults = found.robot, found.band, found.faults
     length, torque = (" or ".join(dict.fromkeys(unit(robot))) for unit in (position_units, torque_units))
@@ -283,11 +279,20 @@ def audit_summary(found: ServoAudit, robot: str = "") -> CheckSummary:
     which = identifiable_of("drive", [x.joint for x in found.joints], map(verdict_of, found.joints))
     units = unit_notes(found.notes)
     verdict, headline = _drive_headline(found, faults, which)
+    columns = (found.commanded, found.durations, found.rates, found.content_rates, found.uneven, found.breaks)
+    names, rows = recording_names(found.recordings), []
+    for name, recording, commanded, seconds, rate, content, uneven, breaks in zip(
+        names, found.recordings, *columns, strict=True
+    ):
+        used, clock = share(commanded / max(len(recording), 1)), f"stamps, {share(uneven) if uneven else 'even'}"
+        rates = figure(rate, 4), figure(min(content, rate), 4)
+        clock += " uneven" if uneven else ""
+        rows.append((name, str(len(recording)), used, figure(seconds), *rates, clock, str(breaks)))
     return CheckSummary(
         title=f"{robot}: {given}" if robot else given,
         verdict=verdict,
         headline=headline,
-        sampling=_drive_sampling(found),
+        sampling=Cells(SAMPLING_HEADS, tuple(rows)),
         sampled=tuple(
             f"{name}: positions are interpolated or repeated from about {content:.4g} Hz"
             for name, rate, content in zip(
@@ -405,19 +410,6 @@ def _drive_advice(found: ServoAudit, which: Identifiable) -> Iterator[str]:
     if still:
         yield f"no rest shows the droop of {joint_words(still, which.total)}: hold some positions for a second or more"
     yield "signid identify gives kp, damping, delay and friction; their scale needs known masses or a gain (--known)"
-
-
-def _drive_sampling(found: ServoAudit) -> Cells:
-    columns = (found.commanded, found.durations, found.rates, found.content_rates, found.uneven, found.breaks)
-    names, rows = recording_names(found.recordings), []
-    for name, recording, commanded, seconds, rate, content, uneven, breaks in zip(
-        names, found.recordings, *columns, strict=True
-    ):
-        used, clock = share(commanded / max(len(recording), 1)), f"stamps, {share(uneven) if uneven else 'even'}"
-        rates = figure(rate, 4), figure(min(content, rate), 4)
-        clock += " uneven" if uneven else ""
-        rows.append((name, str(len(recording)), used, figure(seconds), *rates, clock, str(breaks)))
-    return Cells(SAMPLING_HEADS, tuple(rows))
 
 
 def _drive_table(found: ServoAudit) -> Cells:

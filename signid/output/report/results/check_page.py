@@ -175,7 +175,14 @@ def recorded_plots(
         for recording, stretches in zip(recordings[:MAX_DRAWN_RECORDINGS], used, strict=False)
     ]
     longest = max(drawn, key=lambda part: max((b - a for a, b in part.stretches), default=0.0))
-    rows = _longest_stretch(longest)
+    if not longest.stretches:
+        rows = None
+    else:
+        start, end = max(longest.stretches, key=lambda pair: pair[1] - pair[0])
+        t = longest.recording.table.read(longest.recording.columns["t"], 0, len(longest.recording))[:, 0]
+        first = int(np.argmax(t >= start))
+        stop = min(first + MAX_SPECTRUM_ROWS, len(t) - int(np.argmax(t[::-1] <= end)))
+        rows = longest.recording.read(first, stop, servo=False)
     for joint, unit, frequencies in zip(joints, units, marks, strict=True):
         having = [part for part in drawn if joint in part.recording.joints]
         if not having:
@@ -186,17 +193,6 @@ def recorded_plots(
         row = next(row for row in summary.joints.rows if row[0] == joint)
         words = f"range {row[1]} {unit[0]}" + (f"; {faulty[joint]}" if joint in faulty else "")
         yield JointPlots(joint, words, joint in shown, tuple(plots))
-
-
-def _longest_stretch(drawn: _Drawn) -> Samples | None:
-    """First rows of the longest stretch of a recording; None if there is none."""
-    if not drawn.stretches:
-        return None
-    start, end = max(drawn.stretches, key=lambda pair: pair[1] - pair[0])
-    t = drawn.recording.table.read(drawn.recording.columns["t"], 0, len(drawn.recording))[:, 0]
-    first = int(np.argmax(t >= start))
-    stop = min(first + MAX_SPECTRUM_ROWS, len(t) - int(np.argmax(t[::-1] <= end)))
-    return drawn.recording.read(first, stop, servo=False)
 
 
 def _sequence(drawn: Sequence[_Drawn], joint: str) -> _Course:

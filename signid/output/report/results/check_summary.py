@@ -149,7 +149,13 @@ def unit_uses(recordings: Sequence[Recording], positions: Mapping[str, str]) -> 
         for signal, group in recording.columns.items():
             for j, column in enumerate(group):
                 if column:
-                    into = _unit(signal, "" if signal in OTHER_UNITS else positions.get(recording.joints[j], "rad"))
+                    place = "" if signal in OTHER_UNITS else positions.get(recording.joints[j], "rad")
+                    if signal in OTHER_UNITS:
+                        into = OTHER_UNITS[signal]
+                    elif signal in ("tau", "tau_ff"):
+                        into = "N" if place == "m" else "N.m"
+                    else:
+                        into = place and place + RATE_SUFFIX.get(signal, "")
                     if signal == "tau" and recording.scaled is not None and not recording.scaled[j]:
                         into = "A"  # a current without a torque constant
                     factor = float(recording.torque_per_unit[j]) if signal == "tau" else 1.0
@@ -162,49 +168,37 @@ def unit_uses(recordings: Sequence[Recording], positions: Mapping[str, str]) -> 
     )
 
 
-def _unit(signal: str, place: str) -> str:
-    if signal in OTHER_UNITS:
-        return OTHER_UNITS[signal]
-    if signal in ("tau", "tau_ff"):
-        return "N" if place == "m" else "N.m"
-    return place and place + RATE_SUFFIX.get(signal, "")
-
-
 def unit_sentences(uses: Sequence[UnitUse]) -> Iterator[str]:
     """One sentence for each source of units: what they are converted to, that they are assumed, or unknown."""
     groups: dict[str, dict[str, list[str]]] = {}
     for use in uses:
         source = f"stated by {use.by}" if use.by else "not stated, assumed" if use.into else "unit unknown"
-        groups.setdefault(source, {}).setdefault(_conversion(use), []).append(_columns(use))
+        if use.columns == ("t",):
+            columns_text = "t"
+        elif len(use.columns) > 1 and all(column.startswith(f"{use.signal}_") for column in use.columns):
+            columns_text = f"{use.signal}_J"
+        else:
+            word = WORDS.get(use.signal, "") + (" from" if use.factors else "")
+            columns_text = f"{word} {shorten(use.columns, 2)}".lstrip()
+        if use.factors:
+            low, high = (f"{x:.3g}" for x in use.factors)
+            constants = f"constant{'' if low == high else 's'} {low if low == high else f'{low} to {high}'}"
+            conversion = f"in {use.unit or 'A'}, times torque {constants} {use.into}/A"
+        elif not use.by:
+            conversion = {"": "", "1": "without unit"}.get(use.into, f"in {use.into}")
+        elif "value" in use.unit:
+            conversion = f"as {use.unit}, in {use.into}"
+        else:
+            conversion = f"in {use.unit}" if use.unit == use.into else f"in {use.unit} (converted to {use.into})"
+        groups.setdefault(source, {}).setdefault(conversion, []).append(columns_text)
     for source, parts in groups.items():
         said = "; ".join(f"{', '.join(columns)} {how}".rstrip() for how, columns in parts.items())
         yield f"{source}: {said}"
 
 
-def _columns(use: UnitUse) -> str:
-    if use.columns == ("t",):
-        return "t"
-    if len(use.columns) > 1 and all(column.startswith(f"{use.signal}_") for column in use.columns):
-        return f"{use.signal}_J"
-    word = WORDS.get(use.signal, "") + (" from" if use.factors else "")
-    return f"{word} {shorten(use.columns, 2)}".lstrip()
-
-
 def unit_notes(notes: Sequence[str]) -> tuple[str, ...]:
     """Notes on units that may be wrong."""
     return tuple(dict.fromkeys(note for note in notes if UNSTATED in note))
-
-
-def _conversion(use: UnitUse) -> str:
-    if use.factors:
-        low, high = (f"{x:.3g}" for x in use.factors)
-        constants = f"constant{'' if low == high else 's'} {low if low == high else f'{low} to {high}'}"
-        return f"in {use.unit or 'A'}, times torque {constants} {use.into}/A"
-    if not use.by:
-        return {"": "", "1": "without unit"}.get(use.into, f"in {use.into}")
-    if "value" in use.unit:
-        return f"as {use.unit}, in {use.into}"
-    return f"in {use.unit}" if use.unit == use.into else f"in {use.unit} (converted to {use.into})"
 
 
 def summary_document(summary: CheckSummary) -> Document:
@@ -234,11 +228,22 @@ def summary_document(summary: CheckSummary) -> Document:
 def summary_tables(summary: CheckSummary) -> list[RenderableType]:
     """The description in the order of the screen; further lines are counted."""
     which = summary.identifiable
+    sampling: list[RenderableType] = []
+    rows = summary.sampling.rows
+    sampling.append(_table(Cells(summary.sampling.heads, rows[:MAX_RECORDINGS])))
+    if len(rows) > MAX_RECORDINGS:
+        sampling.append(paragraph(f"and {plural(len(rows) - MAX_RECORDINGS, 'more recording')} {FURTHER_PLACE}"))
+    alike: dict[str, list[str]] = {}
+    for said in summary.sampled:
+        alike.setdefault(NUMBER_IN_TEXT.sub("", said), []).append(said)
+    sampling += _labelled(
+        "sampling", [f"{first} ({len(more)} more alike)" if more else first for first, *more in alike.values()]
+    )
     return [
         heading(summary.title, below=False),
         Text(summary.headline, CHECK_STYLES[summary.verdict]),
         paragraph(""),
-        *_sampling(summary),
+        *sampling,
         *_labelled("units", [*unit_sentences(summary.units), *summary.unit_notes]),
         *_labelled("gravity", [summary.gravity.sentence]),
         *_labelled("faults", [fault.fact for fault in summary.faults if fault.kind != "gravity"]),
@@ -251,19 +256,6 @@ def summary_tables(summary: CheckSummary) -> list[RenderableType]:
         *_labelled("advice", summary.advice),
         *_labelled("note", summary.notes),
     ]
-
-
-def _sampling(summary: CheckSummary) -> Iterator[RenderableType]:
-    rows = summary.sampling.rows
-    yield _table(Cells(summary.sampling.heads, rows[:MAX_RECORDINGS]))
-    if len(rows) > MAX_RECORDINGS:
-        yield paragraph(f"and {plural(len(rows) - MAX_RECORDINGS, 'more recording')} {FURTHER_PLACE}")
-    alike: dict[str, list[str]] = {}
-    for said in summary.sampled:
-        alike.setdefault(NUMBER_IN_TEXT.sub("", said), []).append(said)
-    yield from _labelled(
-        "sampling", [f"{first} ({len(more)} more alike)" if more else first for first, *more in alike.values()]
-    )
 
 
 def _table(grid: Cells) -> RenderableType:

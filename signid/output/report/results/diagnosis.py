@@ -159,39 +159,44 @@ def diagnosis_tables(result: Diagnosis) -> list[RenderableType]:
         _fit(result),
         _rolled(result),
     ]
-    return [
-        Text(f"{result.robot.name}: {words.verdict_words(result)}", RED if unreliable else STYLES[result.verdict]),
-        heading(RESIDUAL),
-        *map(paragraph, words.place_words(result, MAX_PLACES)),
-        *_findings(result),
-        *map(paragraph, words.trust_words(result)),
-        *_alternatives(result),
-        *map(paragraph, words.power_words(result)),
-        *terminal(last, diagnosis_notes(result)),
-    ]
-
-
-def _findings(result: Diagnosis) -> Iterator[RenderableType]:
-    """The largest causes with their parameters, the largest corrections, and the number of others."""
+    alternatives: list[RenderableType] = []
+    rivals = [(finding, words.alternative_words(result.robot, finding)) for finding in result.causes[:MAX_CAUSES]]
+    if any(cells for _, cells in rivals):
+        alternatives.append(heading("Alternatives that explain the recordings equally well, or nearly"))
+    for finding, lines_of_rivals in rivals:
+        if lines_of_rivals:
+            alternatives.append(paragraph(law_words(result.robot, finding.law)))
+            alternatives += map(_indented, lines_of_rivals)
+    causes: list[RenderableType] = []
     robot, titles = result.robot, words.role_words(result)
     large, small = words.by_size(result)
     if large:
-        yield heading(titles["cause"])
+        causes.append(heading(titles["cause"]))
         for cells in (words.finding_words(robot, finding) for finding in large[:MAX_CAUSES]):
             part, of, joint = cells.torque.partition(" of ")
             torque = f"{part} of the torque{of}{joint}"
             where = [f"mostly {cells.where}"] if cells.where else []
-            yield paragraph(", ".join([cells.law, f"probability {cells.probability}", torque, *where]))
-            yield from map(_indented, cells.numbers)
-        yield from _more(len(large) - MAX_CAUSES)
+            causes.append(paragraph(", ".join([cells.law, f"probability {cells.probability}", torque, *where])))
+            causes += map(_indented, cells.numbers)
+        causes += _more(len(large) - MAX_CAUSES)
     if usual := words.ordinary_words(result):
-        yield heading(ORDINARY)
-        yield from map(paragraph, usual)
+        causes.append(heading(ORDINARY))
+        causes += map(paragraph, usual)
     if small:
-        yield heading(titles["secondary"])
+        causes.append(heading(titles["secondary"]))
         lines = (words.secondary_words(robot, finding) for finding in small[:MAX_CORRECTIONS])
-        yield from (Text(line, no_wrap=True, overflow="ellipsis") for line in lines)
-        yield from _more(len(small) - MAX_CORRECTIONS)
+        causes += [Text(line, no_wrap=True, overflow="ellipsis") for line in lines]
+        causes += _more(len(small) - MAX_CORRECTIONS)
+    return [
+        Text(f"{result.robot.name}: {words.verdict_words(result)}", RED if unreliable else STYLES[result.verdict]),
+        heading(RESIDUAL),
+        *map(paragraph, words.place_words(result, MAX_PLACES)),
+        *causes,
+        *map(paragraph, words.trust_words(result)),
+        *alternatives,
+        *map(paragraph, words.power_words(result)),
+        *terminal(last, diagnosis_notes(result)),
+    ]
 
 
 def _indented(line: str) -> RenderableType:
@@ -200,16 +205,6 @@ def _indented(line: str) -> RenderableType:
 
 def _more(number: int) -> list[RenderableType]:
     return [paragraph(f"and {plural(number, 'smaller finding')} in diagnosis.json")] if number > 0 else []
-
-
-def _alternatives(result: Diagnosis) -> Iterator[RenderableType]:
-    rivals = [(finding, words.alternative_words(result.robot, finding)) for finding in result.causes[:MAX_CAUSES]]
-    if any(cells for _, cells in rivals):
-        yield heading("Alternatives that explain the recordings equally well, or nearly")
-    for finding, cells in rivals:
-        if cells:
-            yield paragraph(law_words(result.robot, finding.law))
-            yield from map(_indented, cells)
 
 
 def _fit(result: Diagnosis) -> Section:
@@ -259,13 +254,30 @@ def diagnosis_page(result: Diagnosis, inputs: Sequence[Input] = (), command: str
     first, last = result.rollout_before, result.rollout_after
     rolled = first and last and rollout_plots([("before", first, ORANGE, "dot"), ("after", last, BLUE, "solid")])
     drawn = (Legend("Position error, rms over the windows."), Plots(rolled)) if rolled else ()
+    joints = words.place_words(result) if len(result.located) > MAX_PLACES else []
+    learned, floor = result.train, result.before.irreducible_rms
+    before, after = (left / floor for left in (learned.before, learned.after))
+    top = hottest(learned, before)
+    said = (Sentences(words.place_words(result, MAX_PLACES)), Fold("All joints", joints))
+    extended = heat_maps(learned, after, top) if result.findings else ()
+    separating: list[Plain | Sentences | Fold] = []
+    for finding in result.findings:
+        if shown := words.alternative_words(result.robot, finding):
+            whole = words.alternative_words(result.robot, finding, None)
+            listed = [line for line in shown if line in whole]
+            law = sentence_case(subject(named(result.robot, finding.law, finding.std)))
+            folded = [line for line in whole if line not in listed]
+            separating += (Plain(law), Sentences(listed), Fold(f"{len(folded)} more for {law}", folded))
     sections = [
         Section(roles["cause"], (Laws(list(_law_cards(result))),)),
         Section(ORDINARY, (Sentences(words.ordinary_words(result)), Fold("Each of them", usual))),
-        *_places(result),
+        Section(RESIDUAL, said),
+        Section("Original simulation", (Plots(heat_maps(learned, before, top)),), level=3),
+        Section("Extended simulation", (Plots(extended),), level=3),
+        Section("", (Legend(HEAT_LEGEND), Key([("scale", f"1 to {figure(top, 2)} times")]))),
         Section(roles["secondary"], (Cells(CORRECTION_HEADS, corrections),)),
         Section("", (Sentences(words.trust_words(result)),)),
-        Section("Alternatives, and motions that would separate them", tuple(_separating(result))),
+        Section("Alternatives, and motions that would separate them", tuple(separating)),
         Section(words.POWER_TITLE, (Fold("Smallest size of each law", words.smallest_sizes(result)),)),
         Section("Unexplained residual", (Sentences(words.unexplained_words(result)),)),
         _fit(result).beside(Key(KEY), Folds(note, joint_plots(result.held_out, result.before, result.after, chosen))),
@@ -279,33 +291,6 @@ def diagnosis_page(result: Diagnosis, inputs: Sequence[Input] = (), command: str
     )
     content = shared(result, [result.robot], inputs, command) | {"notes": diagnosis_notes(result)}
     return sections_page(header, sections, content)
-
-
-def _places(result: Diagnosis) -> list[Section]:
-    """Where the residual is, in sentences and heat maps, for a page."""
-    joints = words.place_words(result) if len(result.located) > MAX_PLACES else []
-    learned, floor = result.train, result.before.irreducible_rms
-    before, after = (left / floor for left in (learned.before, learned.after))
-    top = hottest(learned, before)
-    said = (Sentences(words.place_words(result, MAX_PLACES)), Fold("All joints", joints))
-    extended = heat_maps(learned, after, top) if result.findings else ()
-    return [
-        Section(RESIDUAL, said),
-        Section("Original simulation", (Plots(heat_maps(learned, before, top)),), level=3),
-        Section("Extended simulation", (Plots(extended),), level=3),
-        Section("", (Legend(HEAT_LEGEND), Key([("scale", f"1 to {figure(top, 2)} times")]))),
-    ]
-
-
-def _separating(result: Diagnosis) -> Iterator[Plain | Sentences | Fold]:
-    """Each finding with its most probable alternatives, the others folded."""
-    for finding in result.findings:
-        if shown := words.alternative_words(result.robot, finding):
-            whole = words.alternative_words(result.robot, finding, None)
-            first = [line for line in shown if line in whole]
-            law = sentence_case(subject(named(result.robot, finding.law, finding.std)))
-            folded = [line for line in whole if line not in first]
-            yield from (Plain(law), Sentences(first), Fold(f"{len(folded)} more for {law}", folded))
 
 
 def _cards(result: Diagnosis, j: int) -> Iterator[Card]:

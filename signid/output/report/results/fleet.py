@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from math import log10, nan
 from typing import Any
 from urllib.parse import quote
@@ -132,6 +132,23 @@ def fleet_page(document: Mapping[str, Any], command: str = "", reused: int = 0) 
     if document["robots"] and (first := document["robots"][0])["mismatch"] is not None:
         beside = f"{first['name']}, {first['joint']}: held-out rms over the noise floor"
         cards.insert(0, Card("largest mismatch", f"{figure(first['mismatch'])} times", beside))
+    rows = []
+    robots = document["robots"]
+    top = max([10.0, *(robot["mismatch"] for robot in robots if robot["mismatch"])])
+    for robot in robots:
+        (size, left, explained), mismatch = mismatch_cells(robot), robot["mismatch"]
+        rows.append(
+            {
+                **{key: robot[key] for key in ("name", "kind", "time", "joint")},
+                "sessions": len(robot["sessions"]),
+                "size": size,
+                "percent": 100 * max(0.0, log10(mismatch) / log10(top)) if mismatch else 0.0,
+                "left": left,
+                "explained": explained,
+                "lacks": lacking(robot),
+                "link": _link(sessions[robot["latest"]]),
+            }
+        )
     return render(
         "fleet.html",
         title=headline,
@@ -139,7 +156,7 @@ def fleet_page(document: Mapping[str, Any], command: str = "", reused: int = 0) 
         cards=cards,
         undone=[(key, x["said"]) for key, x in sessions.items() if x["state"] == UNDONE_STATE],
         flagged=plural(flagged, "session") if flagged else "",
-        rows=list(_rows(document, sessions)),
+        rows=rows,
         kinds=len({robot["kind"] for robot in document["robots"] if robot["kind"]}) > 1,
         found=[(title, [x["sentence"] for x in findings(document, key)[:MAX_LISTED]]) for key, title in TITLED],
         compared=document.get("comparison"),
@@ -147,24 +164,6 @@ def fleet_page(document: Mapping[str, Any], command: str = "", reused: int = 0) 
         document=document,
         command=command,
     )
-
-
-def _rows(document: Mapping[str, Any], sessions: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
-    """Yield the ranking of robots."""
-    robots = document["robots"]
-    top = max([10.0, *(robot["mismatch"] for robot in robots if robot["mismatch"])])
-    for robot in robots:
-        (size, left, explained), mismatch = mismatch_cells(robot), robot["mismatch"]
-        yield {
-            **{key: robot[key] for key in ("name", "kind", "time", "joint")},
-            "sessions": len(robot["sessions"]),
-            "size": size,
-            "percent": 100 * max(0.0, log10(mismatch) / log10(top)) if mismatch else 0.0,
-            "left": left,
-            "explained": explained,
-            "lacks": lacking(robot),
-            "link": _link(sessions[robot["latest"]]),
-        }
 
 
 def _link(session: Mapping[str, Any]) -> str:

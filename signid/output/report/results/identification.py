@@ -260,15 +260,28 @@ def identification_page(result: Identification, inputs: Sequence[Input] = (), co
     ]
     together = "Strongly correlated pairs:" if pairs else "No two parameters are correlated by more than 0.95."
     method = f"{result.estimate.method}, {result.method}; torque low-passed at {figure(result.cutoff)} Hz."
+    title, heads = "Fit on held-out data", ("rms in training>", "rms held out>", "noise floor>", "unit", "R2 held out>")
+    course, whole = held_out_rows(result.session, result.judged)
+    before = replace(result.fit, held_out_rms=rms(course.before))
+    rows = list(fit_rows(result.fit, before.held_out_rms))
+    note = f"Residual is measured - predicted torque, low-passed at {figure(result.cutoff)} Hz. Thick lines: means."
+    note += "" if whole else " Beginning of the held-out data."
+    folds = Folds(note, joint_plots(course, before, result.fit, order))
+    bounds = []
+    columns = (result.base.expressions, result.base.units, result.base_value.tolist(), result.estimate.std.tolist())
+    for number, (combination, unit, value, std) in enumerate(zip(*columns, strict=True), 1):
+        percent = 100 * TWO_SIDED * std / abs(value) if value and np.isfinite(std) else None
+        bar = "" if percent is None else Bar(f"{figure(percent, 2)} %", percent)
+        bounds.append((str(number), combination, *with_interval(value, std), unit, bar))
     sections = [
-        _held_out(result, order),
+        Section(title, (Cells(("joint", "rms as described>", *heads), rows), Key(CURVE_KEY), folds)),
         *([] if result.signs is None else drawn_signs(result.signs, torque_units(result.robot), level=3)),
         Section("Laws at the joints", (Cells(("joint", "law", "parameter", "value>", "± 95 %>", "unit"), laws),)),
         Section(
             "Base parameters",
             (
                 Legend(BASE_LEGEND),
-                Cells(("#>", "combination", "value>", "± 95 %>", "unit", "of value>"), list(_bounds(result))),
+                Cells(("#>", "combination", "value>", "± 95 %>", "unit", "of value>"), bounds),
                 Plots([correlation_plot(result.estimate.covariance)]),
                 Legend(together),
                 Sentences(pairs),
@@ -290,18 +303,6 @@ def identification_page(result: Identification, inputs: Sequence[Input] = (), co
     return sections_page(header, sections, shared(result, [result.robot], inputs, command))
 
 
-def _held_out(result: Identification, order: Sequence[int]) -> Section:
-    """Fit on what was held out, beside that of the description, and torque over time."""
-    title, heads = "Fit on held-out data", ("rms in training>", "rms held out>", "noise floor>", "unit", "R2 held out>")
-    course, whole = held_out_rows(result.session, result.judged)
-    before = replace(result.fit, held_out_rms=rms(course.before))
-    rows = list(fit_rows(result.fit, before.held_out_rms))
-    note = f"Residual is measured - predicted torque, low-passed at {figure(result.cutoff)} Hz. Thick lines: means."
-    note += "" if whole else " Beginning of the held-out data."
-    folds = Folds(note, joint_plots(course, before, result.fit, order))
-    return Section(title, (Cells(("joint", "rms as described>", *heads), rows), Key(CURVE_KEY), folds))
-
-
 def _cards(result: Identification, j: int) -> Iterator[Card]:
     fit = result.fit
     beside = f"worst joint; noise floor {figure(fit.noise_floor[j], 2)} {fit.unit[j]}"
@@ -311,15 +312,6 @@ def _cards(result: Identification, j: int) -> Iterator[Card]:
     least = share(max(float(shares[0]), 0.0)) if len(shares) else "-"
     yield Card("excitation, weakest direction", least, f"{share(MIN_INFO)} of the information of random motion needed")
     yield from (Card(*x.titled) for x in whole_numbers(result))
-
-
-def _bounds(result: Identification) -> Iterator[tuple[str, ...]]:
-    """Base parameters with their intervals, and the half-width over the value."""
-    columns = (result.base.expressions, result.base.units, result.base_value.tolist(), result.estimate.std.tolist())
-    for number, (name, unit, value, std) in enumerate(zip(*columns, strict=True), 1):
-        percent = 100 * TWO_SIDED * std / abs(value) if value and np.isfinite(std) else None
-        bar = "" if percent is None else Bar(f"{figure(percent, 2)} %", percent)
-        yield str(number), name, *with_interval(value, std), unit, bar
 
 
 def _links(result: Identification) -> list[tuple[str, ...]]:

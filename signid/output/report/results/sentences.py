@@ -201,19 +201,14 @@ def causes_words(causes: Sequence[Named], explained: bool, joints: int, left: Se
         words = [(f"{head} ({number})" if colon else head, count) for (head, colon, number), count in parts]
         return f"{listed(words, len(causes))} {leave} more torque unexplained than {explain}; {unexplained}"
     missing, wrong = ([cause for cause in causes if bool(cause.stated) == stated] for stated in (False, True))
-    lacking, beside = list(grouped(missing, joints)), list(_wrong(wrong, joints))
+    pairs = {k: text for k, finding in enumerate(wrong) if (text := compared(finding))}
+    pairs = pairs if len(pairs) <= MAX_HEADLINE_CAUSES else {}
+    lacking, beside = list(grouped(missing, joints)), [(text, 1) for text in pairs.values()]
+    if others := [finding for k, finding in enumerate(wrong) if k not in pairs]:
+        text = listed(list(grouped(others, joints)), len(others))
+        beside.append((f"parameters of the simulation are wrong: {text}", len(others)))
     lead = "the simulation lacks " if missing else ""
     return lead + listed([*lacking, *beside], len(causes))
-
-
-def _wrong(findings: Sequence[Named], joints: int) -> Iterator[tuple[str, int]]:
-    """Yield wrong parameters beside what was recorded if they are few, the others by their laws."""
-    pairs = {k: words for k, finding in enumerate(findings) if (words := compared(finding))}
-    pairs = pairs if len(pairs) <= MAX_HEADLINE_CAUSES else {}
-    yield from ((words, 1) for words in pairs.values())
-    if others := [finding for k, finding in enumerate(findings) if k not in pairs]:
-        words = listed(list(grouped(others, joints)), len(others))
-        yield f"parameters of the simulation are wrong: {words}", len(others)
 
 
 def sentence_case(words: str) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -102,21 +102,20 @@ def servo_diagnosis_page(result: ServoDiagnosis, inputs: Sequence[Input] = (), c
         _errors(result).beside(*loops),
     ]
     kind = "unreliable" if poor_joints(result.rollout_after) else result.verdict
-    header = Header(_title(result), over, list(_cards(result)), kind)
-    return sections_page(header, sections, shared(result, [result.robot], inputs, command))
-
-
-def _cards(result: ServoDiagnosis) -> Iterator[Card]:
-    """Errors of all joints, and of the worst one, before and after."""
+    cards = []
     before, after = result.rollout_before, result.rollout_after
     for unit, tracking in all_joints(before, before.tracking_rms).items():
         errors = [all_joints(x, x.whole_rms)[unit] for x in (before, after)]
         rms = " → ".join(thousandths(x, 2) for x in errors)
         part = " → ".join(share(x / tracking) for x in errors if tracking > 0)
-        yield Card("closed loop, held out, whole recordings", f"{rms} m{unit} rms", f"{part} of the tracking error")
+        cards.append(
+            Card("closed loop, held out, whole recordings", f"{rms} m{unit} rms", f"{part} of the tracking error")
+        )
     for j in worst_joints(before)[:1] if len(before.joints) > 1 else ():
         rms = " → ".join(thousandths(float(x.whole_rms[j])) for x in (before, after))
-        yield Card(f"worst joint: {before.joints[j]}", f"{rms} m{before.units[j]} rms", "whole recordings")
+        cards.append(Card(f"worst joint: {before.joints[j]}", f"{rms} m{before.units[j]} rms", "whole recordings"))
+    header = Header(_title(result), over, cards, kind)
+    return sections_page(header, sections, shared(result, [result.robot], inputs, command))
 
 
 def _title(result: ServoDiagnosis) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from math import isfinite, nan
 from typing import TYPE_CHECKING, Any
 
@@ -57,12 +57,18 @@ def servo_identification_document(result: ServoIdentification, inputs: Sequence[
         }
         for zero in result.zeros
     ]
+    effects = []
+    for drive in result.joints:
+        numbers = {x.name: x for x in drive_numbers(drive) if x.known}
+        for x in (numbers[name] for name in EFFECT_NUMBERS if name in numbers):
+            key = next(iter(EFFECTS[x.name].parameters))
+            effects.append(effect_document(x.name, drive.joint, [Quantity(key, x.value, x.std, x.unit)]))
     return {
         **opening("signid.identification/1", robot),
         "base_parameters": [],
         "standard_parameters": standard_parameters(model.robot, inertials),
         "physically_consistent": all(np.linalg.eigvalsh(x)[0] >= -MAX_ROUNDED * abs(np.trace(x)) for x in bodies),
-        "effects": list(_effects(result)),
+        "effects": effects,
         "signs": None,
         "fit": {**position_fit(result.rollout), "refit": result.refit},
         "varies": [number._asdict() for number in result.varies],
@@ -143,15 +149,6 @@ def _model(model: FrictionModel, held_out: bool) -> Document:
     }
 
 
-def _effects(result: ServoIdentification) -> Iterator[Document]:
-    """Passive laws of the joints that the recordings identify."""
-    for drive in result.joints:
-        numbers = {x.name: x for x in drive_numbers(drive) if x.known}
-        for x in (numbers[name] for name in EFFECT_NUMBERS if name in numbers):
-            key = next(iter(EFFECTS[x.name].parameters))
-            yield effect_document(x.name, drive.joint, [Quantity(key, x.value, x.std, x.unit)])
-
-
 def position_fit(found: ServoRollOut) -> Document:
     """Rms position error of closed loops over whole recordings, in the form of a fit."""
     nothing = [None] * len(found.joints)
@@ -182,7 +179,22 @@ def servo_identification_page(result: ServoIdentification, inputs: Sequence[Inpu
     over = f"identification of {result.robot.name}: position drives from commands and positions, without torque"
     kind = "unreliable" if poor_joints(result.rollout, result.far) else ""
     title = f"{result.robot.name}: {plural(len(result.joints), 'position drive')}"
-    header = Header(title, over, list(_cards(result)), kind, _headline(result))
+    cards = []
+    found = result.rollout
+    for j in worst_joints(found)[:1] if len(found.joints) > 1 else ():
+        unit, tracking = found.units[j], float(found.tracking_rms[j])
+        part = f"{share(float(found.whole_rms[j]) / tracking)} of its tracking error" if tracking > 0 else ""
+        cards.append(
+            Card(f"worst joint: {found.joints[j]}", f"{thousandths(float(found.whole_rms[j]))} m{unit} rms", part)
+        )
+    short = all_joints(found, found.one_second_rms)
+    size = ", ".join(f"{thousandths(rms, 2)} m{unit}" for unit, rms in short.items())
+    cards.append(Card("restarted from the measured state every second", f"{size} rms", "position error of all joints"))
+    if found.nominal != IDEAL_LOOP:
+        size = ", ".join(f"{thousandths(x, 2)} m{u}" for u, x in all_joints(found, found.nominal_whole_rms).items())
+        cards.append(Card(found.nominal, f"{size} rms", "whole recordings"))
+    cards.append(Card("scale of torque and mass", result.scale.known_by, "positions alone give ratios"))
+    header = Header(title, over, cards, kind, _headline(result))
     content = shared(result, [result.robot], inputs, command)
     left = {"notes": _unsaid(result, result.notes), "flags": _unsaid(result, result.flags)}
     return sections_page(header, _sections(result, pages=True), content | left)
@@ -200,11 +212,30 @@ def _sections(result: ServoIdentification, *, pages: bool = False) -> list[Secti
     tried = [joint for joint in result.joints if len({*joint.laws.values()}) > 1]
     laws = list(dict.fromkeys(law for joint in tried for law in joint.laws))
     posterior = [[joint.joint, *(_probability(joint.laws.get(law)) for law in laws)] for joint in tried]
+    units = loop_units(found)
+    stated = [found.nominal_whole_rms] if found.nominal != IDEAL_LOOP else []
+    rows = [
+        [joint, *(thousandths(float(rms[j])) for rms in (found.tracking_rms, *stated)), *loop_cells(found, j)]
+        for j, joint in enumerate(found.joints)
+    ]
+    names = ["tracking", *([found.nominal] if stated else []), *LOOP_HEADS]
+    heads = [f"{name}\n[{units}]>" if name != LOOP_HEADS[1] else f"{name}>" for name in names]
+    title = f"Closed loop from commands alone, {_rows_of(found)}: rms position error"
+    drive_laws = dict.fromkeys(_law(drive) for drive in result.joints)
+    ratios = [drive for drive in result.joints if any("/" in name for name in drive.numbers)]
+    groups = [drive for drive in result.joints if drive not in ratios], ratios
+    tables = [_numbers(joints, len(drive_laws) > 1) for joints in groups if joints]
+    bounded = any(cell[:1] in ("<", ">", "-") for x in tables for row in x.rows for cell in row[1:] if cell[1:2] in " ")
+    heading = f"Drives by the law {next(iter(drive_laws))}, ± 95 %" if len(drive_laws) == 1 else "Drives, ± 95 %"
+    masses = "" if result.scale.known_by.startswith("inertials") else ", or --known masses, those of the description,"
+    said = f"Torques over kp, as their scale is unknown; --known kp=VALUE, the gain at the joint{masses} sets it."
     return [
-        _drives(result).beside(Legend(DRIVE_NUMBERS_LEGEND)),
+        Section(heading, (*tables, Plain(said if ratios else ""), Plain(BOUND_LEGEND if bounded else ""))).beside(
+            Legend(DRIVE_NUMBERS_LEGEND)
+        ),
         Section("Not identifiable", (Sentences(_unidentifiable(result)),)),
         Section("Scale of torque and mass", (Sentences(scale),)),
-        _loops(found).beside(*drawn),
+        Section(title, (Cells(["joint", *heads], rows),)).beside(*drawn),
         Section("Friction over speed and load", friction),
         Section("Probability of the laws that were compared", (Cells(["joint", *(f"{x}>" for x in laws)], posterior),)),
         _models(result, pages),
@@ -268,49 +299,6 @@ def loop_cells(found: ServoRollOut, j: int) -> list[str]:
 def loop_units(found: ServoRollOut) -> str:
     """Units of position errors in tables."""
     return " or ".join(dict.fromkeys(f"m{unit}" for unit in found.units))
-
-
-def _cards(result: ServoIdentification) -> Iterator[Card]:
-    """Key figures beside those of the headline."""
-    found = result.rollout
-    for j in worst_joints(found)[:1] if len(found.joints) > 1 else ():
-        unit, tracking = found.units[j], float(found.tracking_rms[j])
-        part = f"{share(float(found.whole_rms[j]) / tracking)} of its tracking error" if tracking > 0 else ""
-        yield Card(f"worst joint: {found.joints[j]}", f"{thousandths(float(found.whole_rms[j]))} m{unit} rms", part)
-    short = all_joints(found, found.one_second_rms)
-    size = ", ".join(f"{thousandths(rms, 2)} m{unit}" for unit, rms in short.items())
-    yield Card("restarted from the measured state every second", f"{size} rms", "position error of all joints")
-    if found.nominal != IDEAL_LOOP:
-        size = ", ".join(f"{thousandths(x, 2)} m{u}" for u, x in all_joints(found, found.nominal_whole_rms).items())
-        yield Card(found.nominal, f"{size} rms", "whole recordings")
-    yield Card("scale of torque and mass", result.scale.known_by, "positions alone give ratios")
-
-
-def _loops(found: ServoRollOut) -> Section:
-    """Tracking error, and rms error of the predicted loop over whole recordings and from every second on."""
-    units = loop_units(found)
-    stated = [found.nominal_whole_rms] if found.nominal != IDEAL_LOOP else []
-    rows = [
-        [joint, *(thousandths(float(rms[j])) for rms in (found.tracking_rms, *stated)), *loop_cells(found, j)]
-        for j, joint in enumerate(found.joints)
-    ]
-    names = ["tracking", *([found.nominal] if stated else []), *LOOP_HEADS]
-    heads = [f"{name}\n[{units}]>" if name != LOOP_HEADS[1] else f"{name}>" for name in names]
-    title = f"Closed loop from commands alone, {_rows_of(found)}: rms position error"
-    return Section(title, (Cells(["joint", *heads], rows),))
-
-
-def _drives(result: ServoIdentification) -> Section:
-    """One row per joint: law, numbers with 95 % intervals or bounds; ratios in a table of their own without a scale."""
-    laws = dict.fromkeys(_law(drive) for drive in result.joints)
-    ratios = [drive for drive in result.joints if any("/" in name for name in drive.numbers)]
-    groups = [drive for drive in result.joints if drive not in ratios], ratios
-    tables = [_numbers(joints, len(laws) > 1) for joints in groups if joints]
-    bounded = any(cell[:1] in ("<", ">", "-") for x in tables for row in x.rows for cell in row[1:] if cell[1:2] in " ")
-    title = f"Drives by the law {next(iter(laws))}, ± 95 %" if len(laws) == 1 else "Drives, ± 95 %"
-    masses = "" if result.scale.known_by.startswith("inertials") else ", or --known masses, those of the description,"
-    said = f"Torques over kp, as their scale is unknown; --known kp=VALUE, the gain at the joint{masses} sets it."
-    return Section(title, (*tables, Plain(said if ratios else ""), Plain(BOUND_LEGEND if bounded else "")))
 
 
 def _numbers(joints: Sequence[ServoJoint], named: bool) -> Cells:

@@ -10,7 +10,7 @@ import numpy as np
 import polars as pl
 from rich.console import RenderableType
 
-from ....signs import Signs, SignSegment, Trace
+from ....signs import Signs, SignSegment
 from ....types import Array, Recording
 from ....version import __version__
 from ..documents import Document, picked
@@ -160,7 +160,21 @@ def _plot(signs: Signs, part: int, j: int, unit: str) -> Plot:
     trace = signs.traces[part]
     sizes = np.abs(np.concatenate([trace.magnitude[:, j], trace.predicted[:, j]]))
     top = 1.4 * max(float(sizes[np.isfinite(sizes)].max(initial=0.0)), 1e-12)
-    data = [*_shades(signs, part, j, top), *_lines(signs, trace, j, unit)]
+    size, level = trace.magnitude[:, j], float(signs.threshold[j])
+    styles = (
+        ("model", trace.predicted[:, j], {"color": PINK, "width": 3}),
+        ("absolute torque", size, {"color": GREY, "width": 1}),
+        ("signed torque", size * trace.signs[:, j], {"color": INK, "width": 1.2}),
+    )
+    lines = []
+    for name, values, style in styles:
+        x, y = thinned(trace.t - trace.origin, values[:, None], trace.first, MAX_SIGN_POINTS)
+        hover = plot_markup("%{y:.4g} $unit at %{x:.6g} s<extra>$name</extra>", unit=unit, name=name)
+        lines.append(curve(name, packed(x), packed(y[:, 0]), style, hovertemplate=hover))
+    edges = (trace.t[[0, -1]] - trace.origin).tolist() if len(trace.t) else []
+    dashed = {"color": GREY, "width": 1, "dash": "dash"}
+    threshold = curve("threshold", edges, [level] * len(edges), dashed, hoverinfo="skip")
+    data = [*_shades(signs, part, j, top), lines[0], threshold, *lines[1:]]
     t, ends = trace.t - trace.origin, None
     if len(t):
         room = 0.01 * float(t[-1] - t[0]) + 1e-9
@@ -212,21 +226,3 @@ def _shades(signs: Signs, part: int, joint: int, top: float) -> list[dict[str, A
 
 def _mark(segment: SignSegment) -> str:
     return "+" if segment.sign > 0 else "−"
-
-
-def _lines(signs: Signs, trace: Trace, joint: int, unit: str) -> list[dict[str, Any]]:
-    """Absolute torque, threshold, signed torque, and torque of the model."""
-    size, level = trace.magnitude[:, joint], float(signs.threshold[joint])
-    styles = (
-        ("model", trace.predicted[:, joint], {"color": PINK, "width": 3}),
-        ("absolute torque", size, {"color": GREY, "width": 1}),
-        ("signed torque", size * trace.signs[:, joint], {"color": INK, "width": 1.2}),
-    )
-    lines = []
-    for name, values, style in styles:
-        x, y = thinned(trace.t - trace.origin, values[:, None], trace.first, MAX_SIGN_POINTS)
-        hover = plot_markup("%{y:.4g} $unit at %{x:.6g} s<extra>$name</extra>", unit=unit, name=name)
-        lines.append(curve(name, packed(x), packed(y[:, 0]), style, hovertemplate=hover))
-    ends = (trace.t[[0, -1]] - trace.origin).tolist() if len(trace.t) else []
-    dashed = {"color": GREY, "width": 1, "dash": "dash"}
-    return [lines[0], curve("threshold", ends, [level] * len(ends), dashed, hoverinfo="skip"), *lines[1:]]

@@ -244,26 +244,20 @@ def validated_plots(result: Validation) -> Iterator[JointPlots]:
         moving = [(k, model, model.fit.joints.index(joint)) for k, model in having]
         unit = moving[0][1].fit.unit[moving[0][2]]
         rms = ", ".join(figure(float(model.fit.held_out_rms[j])) for _, model, j in moving)
-        yield JointPlots(joint, f"rms {rms} {unit}", joint in shown, _plots(result, joint, unit, moving))
-
-
-def _plots(
-    result: Validation, joint: str, unit: str, moving: Sequence[tuple[int, ValidatedModel, int]]
-) -> tuple[Plot, ...]:
-    """Torque over time of models with the same rows as the first model."""
-    first, marks = moving[0][1], _marks(result.models)
-    alike = [(k, model, j) for k, model, j in moving if np.array_equal(model.t, first.t)]
-    measured = next((model.torque[:, j] for _, model, j in alike if np.isfinite(model.residual[:, j]).any()), None)
-    if measured is None:
-        return ()
-    lines = [Line("measured", "y", INK, {"width": 1.6}, measured)]
-    for k, model, j in alike:
-        colour, dash = _style(k)
-        style = {"width": 1.3, "dash": dash}
-        lines.append(Line(f"predicted{marks[k]}", "y", colour, style, measured - model.residual[:, j]))
-        lines.append(Line(f"residual{marks[k]}", "y2", colour, style, model.residual[:, j]))
-    most = line_points(len(result.models[0].fit.joints) * (1 + len(lines)), 3)
-    return (torque_plot(joint, first, unit, lines, most),)
+        first, marks = moving[0][1], _marks(result.models)
+        alike = [(k, model, j) for k, model, j in moving if np.array_equal(model.t, first.t)]
+        measured = next((model.torque[:, j] for _, model, j in alike if np.isfinite(model.residual[:, j]).any()), None)
+        plots: tuple[Plot, ...] = ()
+        if measured is not None:
+            lines = [Line("measured", "y", INK, {"width": 1.6}, measured)]
+            for k, model, j in alike:
+                colour, dash = _style(k)
+                style = {"width": 1.3, "dash": dash}
+                lines.append(Line(f"predicted{marks[k]}", "y", colour, style, measured - model.residual[:, j]))
+                lines.append(Line(f"residual{marks[k]}", "y2", colour, style, model.residual[:, j]))
+            most = line_points(len(result.models[0].fit.joints) * (1 + len(lines)), 3)
+            plots = (torque_plot(joint, first, unit, lines, most),)
+        yield JointPlots(joint, f"rms {rms} {unit}", joint in shown, plots)
 
 
 def _style(k: int) -> tuple[str, str]:
