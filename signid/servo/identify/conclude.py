@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.stats import chi2
@@ -301,15 +302,12 @@ def _limits(problem: ServoProblem, servos: Mapping[str, Servo], joints: Mapping[
     model, data = problem.model, problem.data
     top = largest_torques(replace(data, train=data.held_out), {joint: servos[joint] for joint in joints})
     start = limited(Candidate(servos, ()), start_limits(model, data.held_out, servos, top), "effort")
-
-    def fitted(drives: Mapping[str, Servo], free: Sequence[tuple[str, str]], steps: int) -> ServoFit:
-        how = {"window": SHORT_WINDOW, "relinearise": False, "scales": False, "coarse": True}
-        return fit_servos(model, data.held_out, drives, free, iterations=steps, **how)
-
-    without = fitted(servos, (), 0).residual_rms  # states as measured
+    rows = model, data.held_out
+    fitted = partial(fit_servos, *rows, window=SHORT_WINDOW, relinearise=False, scales=False, coarse=True)
+    without = fitted(servos, (), iterations=0).residual_rms  # states as measured
     for steps, ratio in ((FIRST_LIMIT_STEPS, PROMISING), (LIMIT_STEPS, LIMIT_RESIDUAL_RATIO)):
-        drives = fitted(start.servos, [(joint, "effort_limit") for joint in joints], steps).servos
-        helps = dict(zip(data.joints, fitted(drives, (), 0).residual_rms < ratio * without, strict=True))
+        drives = fitted(start.servos, [(joint, "effort_limit") for joint in joints], iterations=steps).servos
+        helps = dict(zip(data.joints, fitted(drives, (), iterations=0).residual_rms < ratio * without, strict=True))
         if not any(helps[joint] for joint in joints):
             return {}
     return {joint: drives[joint].effort_limit for joint in joints if helps[joint]}

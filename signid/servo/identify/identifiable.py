@@ -345,8 +345,8 @@ def _lost(
     """Numbers that are not identifiable; later ones replace earlier ones."""
     yield from _vague(free, values, std, facts)
     limited = servo.law != "duty" and facts.saturated_share >= RARE
-    known = {"kd", "viscous_friction"} & {*facts.stated, *facts.priors}
-    if not (limited or facts.torque_off or facts.command_speed or known):
+    stated = {"kd", "viscous_friction"} & {*facts.stated, *facts.priors}
+    if not (limited or facts.torque_off or facts.command_speed or stated):
         said = (
             f"{facts.joint}: {ONE_NUMBER}, the damping; torque off or at its limit while the joint "
             f"moves, or a recorded speed of the command, separates them"
