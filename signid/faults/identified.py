@@ -180,7 +180,9 @@ def _largest_delay(data: IdentifiedData, signed: Mask) -> float:
     The derivative of the recorded torque contains noise: at most that of the residual, all of it at the cut-off.
     """
     sample, band, sums = data.train.sample, data.session.task.band, np.zeros(2)
-    for j in np.flatnonzero(signed).tolist() if sample is not None else ():
+    if sample is None:
+        return np.inf
+    for j in np.flatnonzero(signed).tolist():
         kept = sample.kept[:, j]
         columns, both = (
             sample.of(j, data.train.columns)[kept],
