@@ -153,7 +153,7 @@ def test_families_keep_their_definitions(kind: str, periods: float) -> None:
     assert np.linalg.matrix_rank(basis[0]) == family.size
 
 
-@pytest.mark.parametrize("name", ["3r"])
+@pytest.mark.parametrize("name", ["3r", "panda"])
 def test_costs_know_their_slopes(name: str) -> None:
     model, family = arm(name), Fourier(DURATION, 3, 1 / DURATION)
     problem = replace(problem_of(model, family), collision=None)

@@ -53,6 +53,7 @@ SLOW_SHARE = 0.03  # [1] speed over its limit below which the direction of frict
 MIN_EIGENVALUE_SHARE = 1e-13  # [1] smallest eigenvalue over the largest; smaller ones are zero up to rounding
 MEAN_POWER = 4  # power of the power means that smooth the extreme eigenvalues
 Criterion = Callable[[Array], tuple[float, Array]]
+Point = tuple[float, Motion, Array, list[Array]]  # cost; motion; its gradients by states, but for rows, and by rows
 
 
 @dataclass(frozen=True)
@@ -351,15 +352,6 @@ def _spectrum(information: Array) -> tuple[Array, Array]:
     return np.maximum(values, MIN_EIGENVALUE_SHARE * max(values[-1], 1e-300)), vectors
 
 
-class _Point(NamedTuple):
-    """Cost of a motion, and what its gradient needs."""
-
-    value: float
-    motion: Motion
-    by_state: Array  # (3, N, n) gradient of the penalties that do not depend on the rows
-    weights: list[Array]  # (N, m_j) gradient by the rows of each joint
-
-
 @dataclass(frozen=True, eq=False)
 class ExcitationCost(Frozen):
     """Cost of a motion with scaled parameters z (n * d,) [1]: mean position relative to the middle, then the rest."""
@@ -384,7 +376,7 @@ class ExcitationCost(Frozen):
         return sizes
 
     @cached_property
-    def _latest(self) -> dict[bytes, _Point]:  # a search asks for the value, then for the slope
+    def _latest(self) -> dict[bytes, Point]:  # a search asks for the value, then for the slope
         return {}
 
     def parameters(self, z: Array) -> Array:
@@ -401,7 +393,7 @@ class ExcitationCost(Frozen):
 
     def value(self, z: Array) -> float:
         """Cost of z (n * d,) [1]."""
-        return self._at(z).value
+        return self._at(z)[0]
 
     def value_and_slope(self, z: Array) -> tuple[float, Array]:
         """Cost of z (n * d,) [1], and its gradient (n * d,) [1]."""
@@ -409,7 +401,7 @@ class ExcitationCost(Frozen):
         by_state = by_state + self.problem.row_slopes(motion, weights)
         return value, (np.einsum("kid,kij->jd", self.basis, by_state) * self.sizes).ravel()
 
-    def _at(self, z: Array) -> _Point:
+    def _at(self, z: Array) -> Point:
         if (key := z.tobytes()) not in self._latest:
             self._latest.clear()
             problem, count = self.problem, len(self.t)
@@ -427,7 +419,7 @@ class ExcitationCost(Frozen):
                 for x, seen, load in zip(rows, problem.base.sees, by_load, strict=True)
             ]
             value = cost + self.penalty * (excess + overload)
-            self._latest[key] = _Point(value, motion, self.penalty * by_state, weights)
+            self._latest[key] = value, motion, self.penalty * by_state, weights
         return self._latest[key]
 
     def _excess(self, states: Array) -> tuple[float, Array]:
