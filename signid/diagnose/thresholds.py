@@ -110,7 +110,9 @@ CONTACT_WIDTHS = (0.5, 0.9, 1.5, 2.5, 4.0, 7.0)  # [s] first grid; heuristic
 CONTACT_STEP = 0.2  # [s] between the starts of the first grid; heuristic
 CONTACT_TORQUE = 0.15  # prior rms torque of the force over the rms torque [1]; heuristic
 # Shape optimisation (shapes.py)
-EVALUATIONS_PER_SHAPE = 20  # evaluations of the optimiser; heuristic
+SHAPE_EVALUATIONS = 20  # evaluations of the optimiser per number of a shape; heuristic
+ROUGH_EVALUATIONS = 6  # the same where it is only asked whether a law corrects the shapes of others; heuristic
+RECOVERED_SHARE = 0.3  # of the log odds of a law that these must explain without it to go on [1]; heuristic
 LOG_ODDS_TOLERANCE = 1e-4  # of the optimiser [-]; looser, shapes ended half a standard deviation apart by rounding
 SHAPE_CHANGE_LOG_ODDS = 3.0  # by which another shape must explain more than the stated one [-]; e^3 to 1: strong
 SHAPE_FACTOR = 1.6  # by which a shape may change from its grid value [1]: grids are coarser; heuristic

@@ -178,8 +178,12 @@ def _without_corrections(dataset: Dataset, selection: Selection) -> Selection:
         beside = [g for g in selection.selected if g is not group and not joints.isdisjoint(selection.data.rows(g))]
         shaped = [g for g in beside if g.claim.finite or any(x.effect.shape(x.parameters) for x in g.claim.laws)]
         if any(share[group].max() < tuned.CORRECTION_SHARE * share[g].max() for g in shaped):
-            rest = optimise_shapes(dataset, selection.without(group), joints)
-            selection = rest if log_posterior(rest) >= log_posterior(selection) else selection
+            rest, aim = selection.without(group), log_posterior(selection)
+            rough = optimise_shapes(dataset, rest, joints, tuned.ROUGH_EVALUATIONS)
+            least = log_posterior(rest)
+            if log_posterior(rough) >= least + tuned.RECOVERED_SHARE * (aim - least):
+                rest = optimise_shapes(dataset, rest, joints)
+                selection = rest if log_posterior(rest) >= aim else selection
     return selection
 
 

@@ -47,10 +47,12 @@ class _Others(NamedTuple):
     dispersion: Array  # (n,) variance of the whitened residual [1]
 
 
-def optimise_shapes(dataset: Dataset, selection: Selection, joints: Collection[int] | None = None) -> Selection:
+def optimise_shapes(
+    dataset: Dataset, selection: Selection, joints: Collection[int] | None = None, each: int = tuned.SHAPE_EVALUATIONS
+) -> Selection:
     """Optimise the shape of each selected law; recording laws are taken at finite size, not linearised about zero.
 
-    Only of laws that act on one of some `joints`, unless these are None.
+    Only of laws that act on one of some `joints`, unless these are None; by `each` evaluations per number.
     """
     for group in selection.selected:
         if joints is not None and set(joints).isdisjoint(selection.data.rows(group)):
@@ -63,7 +65,7 @@ def optimise_shapes(dataset: Dataset, selection: Selection, joints: Collection[i
         dispersion = inflated_dispersion(rest)
         fit = selection.evidence.fit(rest.selected, dispersion, selection.prior_scale)
         others = _Others(rest, fit, dispersion)
-        tried = [_optimise(dataset, option, others) for option in options if _has_plausible_size(option, others)]
+        tried = [_optimise(dataset, option, others, each) for option in options if _has_plausible_size(option, others)]
         if tried:
             ranked = sorted(tried, key=lambda one: -one[0])
             selection = _replaced(dataset, selection, group, [hypothesis for _, hypothesis in ranked])
@@ -111,7 +113,7 @@ def _is_linearised(effect: Effect) -> bool:
     return isinstance(effect, RecordingLaw) and len(effect.linear()) == 1
 
 
-def _optimise(dataset: Dataset, option: _Option, others: _Others) -> tuple[float, Hypothesis]:
+def _optimise(dataset: Dataset, option: _Option, others: _Others, each: int) -> tuple[float, Hypothesis]:
     """Maximise the log odds [-] of a law over its shapes, or over the size of a recording law."""
     known, start, posterior = option.hypothesis, _start(option, others), others.selection.posterior
     law, keys = known.laws[0], list(start)
@@ -137,7 +139,7 @@ def _optimise(dataset: Dataset, option: _Option, others: _Others) -> tuple[float
     zero = np.zeros(len(keys))
     if not keys:
         return -cost(zero), known
-    best = _minimised(cost, zero, tuned.SIZE_ROUNDS if known.finite else 0)
+    best = _minimised(cost, zero, each * len(zero), tuned.SIZE_ROUNDS if known.finite else 0)
     if (
         known.stated is not None and cost(zero) - best.value < tuned.SHAPE_CHANGE_LOG_ODDS
     ):  # the shape is the stated one
@@ -147,9 +149,8 @@ def _optimise(dataset: Dataset, option: _Option, others: _Others) -> tuple[float
     return -value, hypothesis(x)
 
 
-def _minimised(cost: Callable[[Array], float], start: Array, further: int) -> Optimum:
+def _minimised(cost: Callable[[Array], float], start: Array, budget: int, further: int) -> Optimum:
     """Minimise in a box of half-width 1 about the start; `further` times again about an optimum at its upper bound."""
-    budget = tuned.EVALUATIONS_PER_SHAPE * len(start)
     while True:
         problem = Problem(cost, start - 1, start + 1, start, search=LAW_SEARCH, tolerance=tuned.LOG_ODDS_TOLERANCE)
         best = OPTIMISERS["nlopt"].minimise(problem, algorithm=SHAPE_ALGORITHM, budget_evaluations=budget)
