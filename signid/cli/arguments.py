@@ -187,8 +187,8 @@ def under_gravity(options: Given, paths: Iterable[str] | None, columns: str | No
     from ..recording.source import reading_beside
 
     files = (columns or reading_beside(path) for path in paths or ())
-    found = next((stated for file in files if file and (stated := read_map(file).gravity)), None)
-    return options if found is None or options.gravity else replace(options, gravity=",".join(map(str, found)))
+    gravity = next((stated for file in files if file and (stated := read_map(file).gravity)), None)
+    return options if gravity is None or options.gravity else replace(options, gravity=",".join(map(str, gravity)))
 
 
 def given_options(rows: RowOptions, seed: int, robust: bool = False) -> Options:
@@ -221,10 +221,10 @@ def given_inputs(name: str, robot: Robot, actuators: str | None, **files: str | 
     from ..types import Input
 
     beside = Path(robot.path).with_name("actuators.toml")
-    given = Path(name) if Path(name).is_dir() else Path(name).parent if Path(name).is_file() else Path(name)
+    folder = Path(name) if Path(name).is_dir() else Path(name).parent if Path(name).is_file() else Path(name)
     named = [(file, Path(file), role) for role, file in {"actuators": actuators, **files}.items() if file is not None]
     if actuators is None and beside.is_file():
-        named.append((str(given / beside.name), beside, "actuators"))
+        named.append((str(folder / beside.name), beside, "actuators"))
     read = (Input(readable(shown), digest_of(path), role) for shown, path, role in named)
     return [Input(readable(name), robot.sha256, "description"), *read]
 
@@ -283,8 +283,8 @@ def check_options(context: typer.Context, drives: bool) -> None:
     Raises:
         OptionError: such an option was given.
     """
-    own = [item.name for item in fields(DriveOptions) if item.name != "servo"]
-    for shown in _given_options(context, TORQUE_OPTIONS if drives else own):
+    drive_options = [item.name for item in fields(DriveOptions) if item.name != "servo"]
+    for shown in _given_options(context, TORQUE_OPTIONS if drives else drive_options):
         if drives:
             raise OptionError(f"{shown} applies to torque, and these recordings have commands instead; leave it out")
         raise OptionError(f"{shown} applies to position drives, and the recordings have torque; add --servo")
@@ -293,5 +293,5 @@ def check_options(context: typer.Context, drives: bool) -> None:
 def _given_options(context: typer.Context, names: Sequence[str]) -> list[str]:
     """Those of the options that were given with other values than their defaults, as they are written."""
     defaults = {parameter.name: parameter.default for parameter in context.command.params}
-    given = [name for name in names if context.params.get(name) and context.params[name] != defaults[name]]
-    return [f"--{name.replace('_', '-')}" for name in given]
+    options = [name for name in names if context.params.get(name) and context.params[name] != defaults[name]]
+    return [f"--{name.replace('_', '-')}" for name in options]

@@ -177,9 +177,9 @@ def take_arm(robot: Robot) -> Robot:
 
 def _outcome(law: Law, result: Diagnosis) -> LawOutcome:
     """The finding of the law, else the first one with the law as an alternative."""
-    found = [(FOUND_LAW if x.role == "cause" else MINOR_LAW, x, x.law, x.probability) for x in result.findings]
-    found += [(RIVAL_LAW, x, rival.law, rival.probability) for x in result.findings for rival in x.alternatives]
-    for kind, finding, named, probability in found:
+    named_laws = [(FOUND_LAW if x.role == "cause" else MINOR_LAW, x, x.law, x.probability) for x in result.findings]
+    named_laws += [(RIVAL_LAW, x, rival.law, rival.probability) for x in result.findings for rival in x.alternatives]
+    for kind, finding, named, probability in named_laws:
         if (named.effect.name, named.joints) == (law.effect.name, law.joints):
             return LawOutcome(law, kind, finding, probability)
     return LawOutcome(law, MISSED_LAW, None, 0.0)
@@ -246,8 +246,8 @@ def comparison(story: Story) -> list[RenderableType]:
         shown = confidence(outcome.probability) if outcome.probability else "-"
         table.add_row(law_name(outcome.law, robot), "", "", "", "", shown, Text(*OUTCOME_WORDS[outcome.kind]))
         for key, number in _numbers(story, outcome).items():
-            found, std = number["found"], number["std"]
-            cells = ("-" if found is None else figure(found), "-") if std is None else with_interval(found, std)
+            value, std = number["found"], number["std"]
+            cells = ("-" if value is None else figure(value), "-") if std is None else with_interval(value, std)
             table.add_row(f"  {key}", figure(number["value"]), *cells, number["unit"], "", "")
     return [heading("Concealed and found laws, ± 95 %"), table]
 
@@ -255,10 +255,10 @@ def comparison(story: Story) -> list[RenderableType]:
 def _numbers(story: Story, outcome: LawOutcome) -> dict[str, dict[str, Any]]:
     """True value, unit, and estimate with standard deviation of each parameter; None: not found."""
     robot, named = story.simulation.robot, outcome.found
-    found = {x.name: (x.value, x.std) for x in law_numbers(robot, named.law, named.std)} if named else {}
+    estimates = {x.name: (x.value, x.std) for x in law_numbers(robot, named.law, named.std)} if named else {}
     numbers = {}
     for true in law_numbers(robot, outcome.law, {}):
-        value, std = found.get(true.name, (None, None))
+        value, std = estimates.get(true.name, (None, None))
         numbers[true.name] = {"value": true.value, "unit": true.unit, "found": value, "std": std}
     return numbers
 

@@ -223,11 +223,11 @@ def check_file(output: str | None, json: bool, read: Sequence[str | None] = ()) 
         check_unread(output, read)
 
 
-def check_unread(output: str | Path, read: Sequence[str | None], given: str = "-o") -> None:
+def check_unread(output: str | Path, read: Sequence[str | None], option: str = "-o") -> None:
     """Check that a file to write is none of those that the command reads; of a folder it reads the description.
 
     Raises:
-        OptionError: it is one of them; the sentence names the option `given`.
+        OptionError: it is one of them; the sentence names the option `option`.
         OutputError: it is a device, pipe or socket.
     """
     from ..output.report import check_regular
@@ -236,7 +236,7 @@ def check_unread(output: str | Path, read: Sequence[str | None], given: str = "-
     paths = [Path(name) / file for name in read if name for file in ("", *DESCRIPTION_FILES)]
     paths += [Path(name).with_name("actuators.toml") for name in read if name and Path(name).name]
     if any(_same(path, Path(output)) for path in paths):
-        raise OptionError(f"{output} is read by this command; give another name with {given}")
+        raise OptionError(f"{output} is read by this command; give another name with {option}")
 
 
 def _same(path: Path, other: Path) -> bool:
@@ -320,8 +320,8 @@ def deliver_diagnosis(
     logs: Logs = None,
 ) -> int:
     """Write and print a diagnosis; return the exit code; `command` is the shell line that reproduces it."""
-    found, files = (result, {}) if output is None else diagnosis_files(result, inputs, command)
-    return deliver(found, inputs, output, json, files, logs=logs)
+    diagnosis, files = (result, {}) if output is None else diagnosis_files(result, inputs, command)
+    return deliver(diagnosis, inputs, output, json, files, logs=logs)
 
 
 def diagnosis_files(
@@ -348,7 +348,7 @@ def diagnosis_files(
 
 
 def deliver_report(
-    found: Validation | ServoValidation | Check | ServoAudit | UnusableRecordings,
+    result: Validation | ServoValidation | Check | ServoAudit | UnusableRecordings,
     inputs: Sequence[Input],
     output: str | None,
     json: bool,
@@ -358,8 +358,8 @@ def deliver_report(
     """Write and print a validation or a check; return the exit code; `given`: seed of a check, robot of an audit."""
     from ..output.report import page
 
-    files = {} if output is None else {"report.html": page(found, inputs, command, **given)}
-    return deliver(found, inputs, output, json, files, **given)
+    files = {} if output is None else {"report.html": page(result, inputs, command, **given)}
+    return deliver(result, inputs, output, json, files, **given)
 
 
 def check_logs(**files: str | None) -> dict[str, Path]:
@@ -405,8 +405,8 @@ def _recording_files(signs: Signs | None, recordings: Sequence[Recording], robot
     if signs is None:
         return {**read}
     part = {trace.path: k for k, trace in enumerate(signs.traces)}
-    found = [recording for recording in recordings if recording.path in part]
-    tables = [signed_csv(recording, signs, part[recording.path]) for recording in found]
+    used = [recording for recording in recordings if recording.path in part]
+    tables = [signed_csv(recording, signs, part[recording.path]) for recording in used]
     names = ["signed.csv", *(f"signed_{k + 2}.csv" for k in range(len(tables) - 1))]
     units = ["N" if prismatic else "N.m" for prismatic in robot.prismatic]
     return {**dict(zip(names, tables, strict=True)), "signs.html": signs_page(signs, units), **read}

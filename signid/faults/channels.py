@@ -243,7 +243,7 @@ def judge_columns(columns: Sequence[Column]) -> Iterator[RecordingFault]:
 
 def judge_samples(parts: Sequence[Part], robot: Robot) -> list[RecordingFault]:
     """Faults of the longest stretch of each recording; each kind at most once per joint."""
-    found: dict[tuple[str, tuple[str, ...]], RecordingFault] = {}
+    faults: dict[tuple[str, tuple[str, ...]], RecordingFault] = {}
     for part in parts:
         if part[0].static:
             continue
@@ -256,8 +256,8 @@ def judge_samples(parts: Sequence[Part], robot: Robot) -> list[RecordingFault]:
                 kind, fact, advice = "standstill", f"no joint moves (range {widest:.2g} rad or m)", "record a motion"
             return [RecordingFault(kind, (), REFUSE, {"share": share, "range": widest}, f"{fact}; {advice}")]
         for fault in judge_columns(list(torque_columns(rows, part[0].signed, robot))):
-            found.setdefault((fault.kind, fault.joints), fault)
-    return list(found.values())
+            faults.setdefault((fault.kind, fault.joints), fault)
+    return list(faults.values())
 
 
 def torque_columns(rows: Samples, signed: Mask, robot: Robot) -> Iterator[Column]:
@@ -271,8 +271,8 @@ def torque_columns(rows: Samples, signed: Mask, robot: Robot) -> Iterator[Column
         length, torque = ("m", "N") if robot.prismatic[j] else ("rad", "N.m")
         position, weak = f"the position of {joint}", not moves[j]
         yield Column(joint, "position", position, length, [rows.t], [q[:, j]], weak=weak)
-        about, own = f"the torque of {joint}", (bool(signed[j]), not strong[j])
-        yield Column(joint, "torque", about, torque, [rows.t], [tau[:, j]], [q[:, j]], *own)
+        about, flags = f"the torque of {joint}", (bool(signed[j]), not strong[j])
+        yield Column(joint, "torque", about, torque, [rows.t], [tau[:, j]], [q[:, j]], *flags)
 
 
 def longest_rows(part: Part) -> Samples:

@@ -317,19 +317,19 @@ def judge_gains(evidence: FaultEvidence, done: Correction) -> Gains:
     middle, least = float(np.median(factor[known])), ALL if known.sum() > 1 else LONE
     motion = evidence.along(done)
 
-    def beaten(factor: float, own: Array) -> bool:
+    def beaten(factor: float, factors: Array) -> bool:
         """Whether factors (n,) explain far more than one common factor with a change of any one body."""
         scaled = x._replace(predicted=x.predicted * factor)
         rival = min(_residual(scaled, known, motion.body_columns(body)) for body in range(n))
-        return _residual(x._replace(predicted=x.predicted * own), known) <= RIVAL * rival
+        return _residual(x._replace(predicted=x.predicted * factors), known) <= RIVAL * rival
 
     alike = np.mean(np.abs(np.log(factor[known] / middle)) <= np.log(MAX_FACTOR_RATIO)) > 0.5
     off = abs(np.log(middle))
     common = alike and (off >= np.log(BEYOND) or (off >= np.log(least) and beaten(1.0, np.full(n, middle))))
     apart = known & (np.abs(np.log(np.where(known, factor, 1.0) / middle)) >= np.log(ONE))
     lone = apart.any() and known.sum() > 1 and apart.sum() <= known.sum() / 2
-    own = np.where(apart, factor, middle)
-    chosen = np.flatnonzero(apart).tolist() if lone and beaten(middle, own) else []
+    factors = np.where(apart, factor, middle)
+    chosen = np.flatnonzero(apart).tolist() if lone and beaten(middle, factors) else []
     return Gains(factor, spread, middle if common else 1.0, tuple(chosen))
 
 

@@ -45,24 +45,24 @@ def text(result: Any) -> str:
     shown = tables(result)
     flags = [line for flag in _flags(result, shown) for line in _lines(Text(f"flag: {flag}"))]
     last = [line for names in _names(result) for line in _lines(Text(names))]
-    found: list[list[str]] = [[]]
+    blocks: list[list[str]] = [[]]
     for line in (line for block in shown for line in _lines(block)):
-        if not line and found[-1]:
-            found.append([])
-        found[-1] += [line] if line or len(found) > 1 else []
-    sections, most = [*found, flags], MAX_LINES - len(last)
+        if not line and blocks[-1]:
+            blocks.append([])
+        blocks[-1] += [line] if line or len(blocks) > 1 else []
+    sections, max_lines = [*blocks, flags], MAX_LINES - len(last)
     limits = [len(section) for section in sections]
-    if sum(limits) > most:
+    if sum(limits) > max_lines:
         aside = ["".join(lines[1:2]).startswith(SHORTENED_FIRST) for lines in sections]  # headings below a blank line
         limits = [min(n, MIN_SECTION_LINES) if small else n for n, small in zip(limits, aside, strict=True)]
-    while sum(limits) > most and max(limits) > MIN_SECTION_LINES:
+    while sum(limits) > max_lines and max(limits) > MIN_SECTION_LINES:
         limits[max(range(len(limits)), key=lambda k: (limits[k], k))] -= 1
     printed: list[str] = []
     for section, limit in zip(sections, limits, strict=True):
         hidden = len(section) - limit + 1
         printed += section if len(section) <= limit else [*section[: limit - 1], f"... and {hidden} more lines"]
-    if len(printed) > most:
-        printed[most - 1 :] = [f"... and {len(printed) - most + 1} more lines"]
+    if len(printed) > max_lines:
+        printed[max_lines - 1 :] = [f"... and {len(printed) - max_lines + 1} more lines"]
     return "\n".join([*printed, *last])
 
 
@@ -175,13 +175,13 @@ def _base(base: Any) -> Renderables:
     return [title, table, paragraph("Values and intervals: estimate of an identification.")]
 
 
-def _estimate(found: Any) -> Renderables:
-    count = len(found.value)
-    names, units = found.names or [str(k + 1) for k in range(count)], found.units or [""] * count
-    numbers = (with_interval(float(x), float(std)) for x, std in zip(found.value, found.std, strict=True))
+def _estimate(result: Any) -> Renderables:
+    count = len(result.value)
+    names, units = result.names or [str(k + 1) for k in range(count)], result.units or [""] * count
+    numbers = (with_interval(float(x), float(std)) for x, std in zip(result.value, result.std, strict=True))
     rows = ((_brief(name), *number, unit) for name, number, unit in zip(names, numbers, units, strict=True))
-    title = heading(f"{plural(count, 'base parameter')} by {found.method}", below=False)
-    return [title, new_table("base parameter", "value>", "± (95 %)>", "unit", rows=rows), *note_lines(found.notes)]
+    title = heading(f"{plural(count, 'base parameter')} by {result.method}", below=False)
+    return [title, new_table("base parameter", "value>", "± (95 %)>", "unit", rows=rows), *note_lines(result.notes)]
 
 
 def _brief(formula: str) -> str:
@@ -227,15 +227,15 @@ def _simulation(simulation: Any) -> Renderables:
     return [heading(title, below=False), new_table(*heads, rows=zip(simulation.joints, *sizes, strict=True))]
 
 
-def _motion(found: Any) -> Renderables:
+def _motion(result: Any) -> Renderables:
     """Use of the limits of an exciting or a separating motion."""
-    names, motion = ("position", "velocity", "acceleration", "torque"), found.trajectory
-    uses = (map(share, getattr(found.use, name)) for name in names)
+    names, motion = ("position", "velocity", "acceleration", "torque"), result.trajectory
+    uses = (map(share, getattr(result.use, name)) for name in names)
     rows = zip(motion.joints, *uses, strict=True)
     table = new_table("share of limit", *(f"{name}>" for name in names), rows=rows)
     size = f"{plural(len(motion.t), 'row')}, {figure(float(motion.t[-1]))} s"
     title = f"motion of {plural(len(motion.joints), 'joint')}: {size}"
-    return [heading(title, below=False), table, *note_lines(found.notes)]
+    return [heading(title, below=False), table, *note_lines(result.notes)]
 
 
 TABLES: dict[str, Callable[[Any], Renderables]] = {

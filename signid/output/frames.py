@@ -98,9 +98,9 @@ def _findings(result: Any) -> Rows:
 
 def _loops(result: Any) -> pl.DataFrame:
     """Rms position error of closed loops from commands alone, per joint."""
-    found = result.rollout
-    sizes = picked(found, "whole_rms one_second_rms nominal_whole_rms nominal_one_second_rms")
-    return pl.DataFrame({"joint": list(found.joints), "unit": list(found.units), **sizes})
+    rollout = result.rollout
+    sizes = picked(rollout, "whole_rms one_second_rms nominal_whole_rms nominal_one_second_rms")
+    return pl.DataFrame({"joint": list(rollout.joints), "unit": list(rollout.units), **sizes})
 
 
 def _residuals(result: Any) -> pl.DataFrame:

@@ -192,9 +192,9 @@ def resolve(logical: str, robot: Robot) -> tuple[str, int] | None:
         if token.isdecimal() and len(token) < DIGITS and int(token) in robot.numbers:
             return kind, robot.numbers.index(int(token))
     names = [] if robot.model is None else list(robot.model.names)[1:]
-    most = max(len(names), *robot.numbers)
+    highest = max(len(names), *robot.numbers)
     numbers = (int(token) for _, token in pairs if token.isdecimal() and len(token) < DIGITS)
-    held = any(token in names for _, token in pairs) or any(0 < number <= most for number in numbers)
+    held = any(token in names for _, token in pairs) or any(0 < number <= highest for number in numbers)
     return None if pairs and not held else ("", -1)
 
 
@@ -332,7 +332,7 @@ def time_unit(t: Array, named: str) -> Noticed:
     whole = step >= 0.5 and bool(np.all(np.abs(known - np.rint(known)) < 1e-6))
     if MIN_STEP <= step <= MAX_STEP and not whole:
         return Noticed("s", f"steps by {step:.4g}")
-    likely = next((unit for unit, most in (("ms", 500.0), ("us", 5e5), ("ns", np.inf)) if step <= most), "ns")
+    likely = next((unit for unit, limit in (("ms", 500.0), ("us", 5e5), ("ns", np.inf)) if step <= limit), "ns")
     return Noticed(likely, f"steps by {step:.4g}, which cannot be seconds")
 
 
@@ -348,8 +348,8 @@ def _position_units(
         columns = {j: x[np.isfinite(x)] for j, x in values.items() if bool(robot.prismatic[j]) == slides}
         ends = {j: (float(x.min()), float(x.max())) for j, x in columns.items() if len(x)}
         whole = all(bool(np.all(x == np.rint(x))) for x in columns.values())
-        most = max((abs(end) for both in ends.values() for end in both), default=0.0)
-        if ends and whole and not slides and not any(named.get(j) for j in columns) and (counts or most > COUNTS):
+        largest = max((abs(end) for both in ends.values() for end in both), default=0.0)
+        if ends and whole and not slides and not any(named.get(j) for j in columns) and (counts or largest > COUNTS):
             low, high = min(a for a, _ in ends.values()), max(b for _, b in ends.values())
             turn = next((n for n in TURNS if low >= 0 and high < n), 0)  # half of it is zero if all counts are of one
             size, zero = turn or 4096, f"zero at {turn // 2}"

@@ -159,19 +159,19 @@ def split(logical: str) -> list[tuple[str, str]]:
 
 
 def read_map(
-    given: ColumnMap | None, units: Mapping[str, str] | None = None, heading: Heading | None = None
+    column_map: ColumnMap | None, units: Mapping[str, str] | None = None, heading: Heading | None = None
 ) -> ParsedColumns:
     """Parse a column map: a mapping or a TOML file; `units` by kind of column and `heading` override those of the map.
 
     Raises:
         RecordingError: unreadable or invalid column map.
     """
-    if given is None or isinstance(given, Mapping):
-        name, table = "the column map", given or {}
+    if column_map is None or isinstance(column_map, Mapping):
+        name, table = "the column map", column_map or {}
     else:
-        name = f"column map {given}"
+        name = f"column map {column_map}"
         try:
-            table = read_toml(given)
+            table = read_toml(column_map)
         except OSError as error:
             raise RecordingError(f"{name} cannot be read: {error.strerror}") from error
         except ValueError as error:
@@ -281,15 +281,15 @@ def _units(name: str, table: object) -> dict[str, str]:
     return dict(table)
 
 
-def _joints(name: str, given: object) -> tuple[dict[str, str], tuple[str, str] | None]:
-    if isinstance(given, str) and given.count("*") == 1:
-        before, _, behind = given.partition("*")
+def _joints(name: str, stated: object) -> tuple[dict[str, str], tuple[str, str] | None]:
+    if isinstance(stated, str) and stated.count("*") == 1:
+        before, _, behind = stated.partition("*")
         return {}, (before, behind)
-    if not isinstance(given, Mapping) or not all(isinstance(token, str) for token in given.values()):
+    if not isinstance(stated, Mapping) or not all(isinstance(token, str) for token in stated.values()):
         form = 'joints = "left_arm/*", or below [joints] lines such as elbow = "left_elbow"'
-        raise RecordingError(f"{name} gives joints = {given!r}; expected {form}")
-    joints = {token: joint for joint, token in given.items()}
-    if len(joints) < len(given):
+        raise RecordingError(f"{name} gives joints = {stated!r}; expected {form}")
+    joints = {token: joint for joint, token in stated.items()}
+    if len(joints) < len(stated):
         raise RecordingError(f"{name} gives two joints the same name of the recording; each needs its own")
     return joints, None
 
@@ -419,9 +419,9 @@ def calibrated(values: Mapping[str, Array], ranges: Mapping[str, MotorRange]) ->
     """
     ends = {name: (float(np.nanmin(x, initial=0.0)), float(np.nanmax(x, initial=0.0))) for name, x in values.items()}
     grippers = {name for name, (low, _) in ends.items() if "gripper" in name.lower() and low >= -PERCENT_ROUNDING}
-    most = {name: max(-low, high) for name, (low, high) in ends.items() if name in ranges and name not in grippers}
-    degrees = any(size > PERCENT + PERCENT_ROUNDING for size in most.values())
-    sure = any(size > np.degrees(ranges[name].angle) / 2 + PERCENT_ROUNDING for name, size in most.items())
+    reach = {name: max(-low, high) for name, (low, high) in ends.items() if name in ranges and name not in grippers}
+    degrees = any(size > PERCENT + PERCENT_ROUNDING for size in reach.values())
+    sure = any(size > np.degrees(ranges[name].angle) / 2 + PERCENT_ROUNDING for name, size in reach.items())
     conversions: dict[str, Calibrated] = {}
     for name in values:
         if name not in ranges:

@@ -79,8 +79,8 @@ def bridge(recording: Recording) -> Recording:
         lost = np.array(np.isnan(values).any(axis=0))
         lost[0], t = lost.any(), np.asarray(np.arange(len(values)) * period)
         for k in np.flatnonzero(lost).tolist():  # first the stamps, by their rows; then the others, by their stamps
-            most = WRAP if names[k] in positions else np.inf if k else longest
-            rows, filled = _bridged(t, values[:, k], (period, longest, most), names[k] in straight)
+            max_change = WRAP if names[k] in positions else np.inf if k else longest
+            rows, filled = _bridged(t, values[:, k], (period, longest, max_change), names[k] in straight)
             values[rows, k], t = filled, t if k else values[:, 0]
             inside = (rows >= start - low) & (rows < start - low + CHUNK)
             holes.setdefault(names[k], []).append((rows[inside] + low, filled[inside]))

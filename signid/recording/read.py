@@ -319,21 +319,21 @@ def drop_implausible(table: Table, chosen: dict[str, tuple[str, ...]]) -> tuple[
         pieces = (table.read(names, start, start + CHUNK) for start in range(0, table.rows if names else 0, CHUNK))
         ends = [(np.nanmin(x, axis=0, initial=0.0), np.nanmax(x, axis=0, initial=0.0)) for x in pieces]
         for k, name in enumerate(names):
-            least, most = min(float(a[k]) for a, _ in ends), max(float(b[k]) for _, b in ends)
-            if least < low or most > high:
+            least, greatest = min(float(a[k]) for a, _ in ends), max(float(b[k]) for _, b in ends)
+            if least < low or greatest > high:
                 chosen[key] = tuple("" if column == name else column for column in chosen[key])
-                wrapped = key == "pwm" and least >= 0 and _wrapped(table, name, most)
-                fact = f"column {name!r} goes from {least:.4g} to {most:.4g} and is ignored"
+                wrapped = key == "pwm" and least >= 0 and _wrapped(table, name, greatest)
+                fact = f"column {name!r} goes from {least:.4g} to {greatest:.4g} and is ignored"
                 notes.append(f"{fact}; {UNWRAP if wrapped else f'expected {expected}'}")
     return chosen, notes
 
 
-def _wrapped(table: Table, name: str, most: float) -> bool:
+def _wrapped(table: Table, name: str, largest: float) -> bool:
     """Whether values are small or nearly the largest: negative numbers that were read as unsigned ones."""
     values = table.read([name], 0, min(table.rows, CHUNK))[:, 0]
     known = values[np.isfinite(values)]
-    small = known[known <= MIDDLE * most]
-    large = known >= (1 - MIDDLE) * most
+    small = known[known <= MIDDLE * largest]
+    large = known >= (1 - MIDDLE) * largest
     return bool(len(small) and large.any() and len(small) + large.sum() == len(known) and small.max() <= 1.01)
 
 
@@ -354,23 +354,23 @@ def as_recordings(given: object, robot: Robot, verb: str) -> list[Recording]:
     return recordings
 
 
-def as_recording(given: object, robot: Robot, verb: str) -> Recording:
+def as_recording(recording_or_source: object, robot: Robot, verb: str) -> Recording:
     """Return the only recording that is given.
 
     Raises:
         OptionError: anything else, or several recordings were given to the verb.
     """
-    recordings = as_recordings(given, robot, verb)
+    recordings = as_recordings(recording_or_source, robot, verb)
     if len(recordings) != 1:
         raise OptionError(f"{verb} needs one recording, not {len(recordings)}; give one of them")
     return recordings[0]
 
 
-def _is_source(given: Any) -> bool:
-    if isinstance(given, np.ndarray):
-        return given.dtype.names is not None
-    frame = hasattr(given, "iloc") or hasattr(given, "__arrow_c_stream__") or isinstance(given, pl.LazyFrame)
-    return frame or isinstance(given, str | Path | Mapping)
+def _is_source(source: Any) -> bool:
+    if isinstance(source, np.ndarray):
+        return source.dtype.names is not None
+    frame = hasattr(source, "iloc") or hasattr(source, "__arrow_c_stream__") or isinstance(source, pl.LazyFrame)
+    return frame or isinstance(source, str | Path | Mapping)
 
 
 def is_recording(name: str) -> bool:

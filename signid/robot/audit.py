@@ -112,8 +112,8 @@ def audit(robot: Robot) -> Audit:
         bodies = bodies._replace(length=bodies.length / THOUSAND, path=bodies.path / THOUSAND)
     usual = max(bodies.usual, MIN_BODY_SIZE) if bodies.usual else MAX_JOINT_DISTANCE / MAX_CENTRE_RATIO
     far = bodies.centre > MAX_CENTRE_RATIO * np.maximum(bodies.length, bodies.extent).clip(usual)
-    most = np.sum(far) >= np.sum(bodies.mass > 0) / 2 > 0
-    centre = np.where((bodies.centre > 0) if most else far, THOUSAND, 1.0)
+    mostly = np.sum(far) >= np.sum(bodies.mass > 0) / 2 > 0
+    centre = np.where((bodies.centre > 0) if mostly else far, THOUSAND, 1.0)
     bodies = bodies._replace(centre=bodies.centre / centre)
     mass = _mass_factors(bodies)
     bodies = bodies._replace(mass=bodies.mass / mass)
@@ -214,7 +214,7 @@ def _inertia_factors(bodies: _BodySizes, placeholder: Mask) -> Array:
 
 def _suspects(robot: Robot, which: Mask, what: str, factor: float | None, text: str) -> Iterator[Suspect]:
     """Suspects of bodies (nb,) with one sentence, in which {} stands for their links."""
-    links = [link for link, own in zip(robot.links, which, strict=True) if own]
+    links = [link for link, suspect in zip(robot.links, which, strict=True) if suspect]
     sentence = text.format(("link " if len(links) == 1 else "links ") + shorten(links, 4))
     return (Suspect(link, what, factor, sentence) for link in links)
 
@@ -230,9 +230,9 @@ def _inertia_suspects(robot: Robot, bodies: _BodySizes, placeholder: Mask) -> It
     least, middle, most = bodies.moments.T
     near = np.maximum(MOMENT_TOLERANCE * most, POINT_MASS_INERTIA)
     thin = (bodies.mass > 0) & (np.abs(least) <= near) & (most - middle <= near)  # points and rods
-    kinds = [inertial_fault(m, np.diag(own)) for m, own in zip(bodies.mass, bodies.moments, strict=True)]
+    kinds = [inertial_fault(m, np.diag(axes)) for m, axes in zip(bodies.mass, bodies.moments, strict=True)]
     for kind, texts in CONDITION_TEXTS.items():
-        wrong = np.array([own == kind for own in kinds]) & ~placeholder & ~thin
+        wrong = np.array([axes == kind for axes in kinds]) & ~placeholder & ~thin
         yield from _suspects(robot, wrong, "impossible", None, f"{{}} {texts[int(wrong.sum() > 1)]}")
 
 

@@ -191,12 +191,12 @@ def _parser(recover: bool = False) -> Any:
     return etree.XMLParser(encoding="utf-8", resolve_entities=False, no_network=True, load_dtd=False, recover=recover)
 
 
-def restricted(scratch: str, given: Sequence[str], folder: str | Path, fault: str, late: str) -> str:
+def restricted(scratch: str, arguments: Sequence[str], folder: str | Path, fault: str, late: str) -> str:
     """Output of the restricted process.
 
     Args:
         scratch: the folder in which it may write.
-        given: path of a xacro file and folders of packages, or an empty path for the MJCF in `scratch`.
+        arguments: path of a xacro file and folders of packages, or an empty path for the MJCF in `scratch`.
         folder: working directory.
         fault: beginning of the message if the process fails.
         late: message if it takes too long.
@@ -204,7 +204,7 @@ def restricted(scratch: str, given: Sequence[str], folder: str | Path, fault: st
     Raises:
         RobotError: the process fails.
     """
-    command = [sys.executable, "-P", "-X", "utf8", str(Path(sandbox.__file__).absolute()), scratch, *given]
+    command = [sys.executable, "-P", "-X", "utf8", str(Path(sandbox.__file__).absolute()), scratch, *arguments]
     there = {**os.environ, "TMPDIR": scratch, "OPENBLAS_NUM_THREADS": "1", "MUJOCO_GL": "disable"}
     try:
         done = subprocess.run(command, cwd=folder, env=there, capture_output=True, timeout=sandbox.MAX_SECONDS)

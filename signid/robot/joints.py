@@ -28,13 +28,13 @@ SIDE_PREFIX = re.compile(r"^[LR](?=[A-Z][a-z])")  # LHipPitch, RHipPitch
 LIMB_WORD = re.compile(r"^(finger|leg|arm|toe)(\d*)$")  # finger2, or finger and 2
 
 
-def find_joint(given: str | int, robot: Robot) -> int:
+def find_joint(joint: str | int, robot: Robot) -> int:
     """Index of a joint of a robot, given by its name or, if no joint has that name, by its number.
 
     Raises:
         RobotError: no moving joint has that name or number.
     """
-    text = str(given)
+    text = str(joint)
     if text in robot.joints:
         return robot.index(text)
     if text.isascii() and text.isdigit() and len(text) < MAX_JOINT_DIGITS and int(text) in robot.numbers:
@@ -206,13 +206,13 @@ def similar_joints(joints: Sequence[str]) -> tuple[tuple[str, ...], ...]:
     for joint in joints:
         words, limb, out = SEPARATOR.split(SIDE_PREFIX.sub("*", joint)), "", list[str]()
         for k, word in enumerate(words):
-            low, found = word.lower(), LIMB_WORD.match(word.lower())
+            low, match = word.lower(), LIMB_WORD.match(word.lower())
             numbered = limb and word.isdigit() and k + 1 < len(words)  # not the last word: l_arm_1 is a chain
             if low in SIDE_WORDS or low in FINGER_WORDS or numbered:
                 out.append("*")
             else:
-                out.append(f"{found[1]}*" if found and found[2] and len(words) > 1 else word)
-            limb = limb if SEPARATOR.match(word) else found[1] if found and not found[2] else ""
+                out.append(f"{match[1]}*" if match and match[2] and len(words) > 1 else word)
+            limb = limb if SEPARATOR.match(word) else match[1] if match and not match[2] else ""
         kinds.setdefault("".join(out), []).append(joint)
     return tuple(tuple(members) for members in kinds.values() if len(members) > 1)
 
@@ -223,7 +223,7 @@ def name_pattern(members: Sequence[str], joints: Sequence[str]) -> str:
         return _escaped(members[0])
     words = [SEPARATOR.split(name) for name in members]
     first = _common_prefix(words)
-    last = _common_prefix([own[len(first) :][::-1] for own in words])[::-1]
+    last = _common_prefix([name_words[len(first) :][::-1] for name_words in words])[::-1]
     pattern = f"{_escaped(''.join(first))}.*{_escaped(''.join(last))}"
     if [joint for joint in joints if re.fullmatch(pattern, joint)] == list(members):
         return pattern

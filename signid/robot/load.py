@@ -219,19 +219,19 @@ def _held_joints(robot: Robot, joints: Sequence[str] | None, lock: Mapping[str, 
     return resting(robot, but=moving) | held
 
 
-def as_robot(given: object, verb: str) -> Robot:
+def as_robot(robot: object, verb: str) -> Robot:
     """Robot that is given as such, as a path or name, or by a model or a result, whose `robot` it is.
 
     Raises:
         OptionError: anything else was given to the verb.
         RobotError: invalid description.
     """
-    if isinstance(given, str | Path):
-        return load_robot(given)
-    for candidate in (given, getattr(given, "robot", None)):
+    if isinstance(robot, str | Path):
+        return load_robot(robot)
+    for candidate in (robot, getattr(robot, "robot", None)):
         if isinstance(candidate, Robot):
             return candidate
-    raise unexpected(verb, "a Robot", given, 'signid.load_robot("robot.urdf")')
+    raise unexpected(verb, "a Robot", robot, 'signid.load_robot("robot.urdf")')
 
 
 def parse_arguments(texts: Sequence[str]) -> dict[str, str]:
@@ -251,22 +251,22 @@ def parse_arguments(texts: Sequence[str]) -> dict[str, str]:
     return as_arguments(arguments)
 
 
-def as_arguments(given: Mapping[str, object] | None) -> dict[str, str]:
+def as_arguments(arguments: Mapping[str, object] | None) -> dict[str, str]:
     """Values of xacro arguments as texts, as xacro takes them: True becomes true.
 
     Raises:
         OptionError: not a mapping of names to texts, numbers or truth values, or too many or too long ones.
     """
-    if given is None:
+    if arguments is None:
         return {}
-    if not isinstance(given, Mapping):
-        raise unexpected("xacro", "values by name of the argument", given, '{"name": "ur5e"}')
-    if len(given) > MAX_ARGUMENTS:
-        raise OptionError(f"xacro has {len(given)} arguments; give {MAX_ARGUMENTS} at most")
-    for name in given:
+    if not isinstance(arguments, Mapping):
+        raise unexpected("xacro", "values by name of the argument", arguments, '{"name": "ur5e"}')
+    if len(arguments) > MAX_ARGUMENTS:
+        raise OptionError(f"xacro has {len(arguments)} arguments; give {MAX_ARGUMENTS} at most")
+    for name in arguments:
         if not isinstance(name, str) or not ASSIGNMENT.fullmatch(f"{name}:="):
             raise OptionError(f"xacro has {str(name)[:80]!r} as the name of an argument; give letters, digits and _")
-    return {name: _argument_text(name, value) for name, value in given.items()}
+    return {name: _argument_text(name, value) for name, value in arguments.items()}
 
 
 def _argument_text(name: str, value: object) -> str:

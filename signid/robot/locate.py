@@ -76,10 +76,10 @@ def saved_model(source: str | Path, exported: bool = False) -> Path | None:
     path, name = Path(source), str(source).casefold()
     if str(source).endswith(".json"):
         return path
-    found = robots_folder() / name / "model.json"
-    if Path(name).name != name or not found.is_file() or path.is_file() or (path / "robot.urdf").is_file():
+    file = robots_folder() / name / "model.json"
+    if Path(name).name != name or not file.is_file() or path.is_file() or (path / "robot.urdf").is_file():
         return None
-    return found if exported or _named_files().get(name, found).parent == found.parent else None
+    return file if exported or _named_files().get(name, file).parent == file.parent else None
 
 
 def robots_folder() -> Path:
@@ -143,5 +143,5 @@ def _named_files() -> dict[str, Path]:
     full = {f"{path.relative_to(folder).parts[0].removesuffix('_description')}/{path.stem}": path for path in paths}
     unique = {path.stem: path for path in paths if count[path.stem] == 1}
     familiar = {name: (unique | full)[stem] for name, stem in _LOADER_STEMS.items() if stem in unique or stem in full}
-    found = {path.stem: path for path in sorted(folder.rglob("*.sdf"))} | unique | familiar
-    return found | {name: path for name, path in full.items() if path not in found.values()} | robots
+    files = {path.stem: path for path in sorted(folder.rglob("*.sdf"))} | unique | familiar
+    return files | {name: path for name, path in full.items() if path not in files.values()} | robots

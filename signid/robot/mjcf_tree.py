@@ -213,7 +213,7 @@ def _attached_models(root: Any, bare: Any, folder: Path | None, source: Source, 
     """Prepare the models that a file attaches; return the number of their elements by name and tag."""
     from lxml import etree
 
-    found: dict[str, Counter[str]] = {}
+    counts: dict[str, Counter[str]] = {}
     for node in (node for group in root.iterchildren("asset") for node in group.iterchildren("model")):
         if folder is None:
             raise RobotError("the description attaches other files; give it as a file")
@@ -221,10 +221,10 @@ def _attached_models(root: Any, bare: Any, folder: Path | None, source: Source, 
         _include(part, place, source, depth + 1)
         part = parse(etree.tostring(part, encoding="unicode"))  # rejects what has become too deep
         name, file = node.get("name") or part.get("model") or "", f"model_{source.read}.xml"
-        text, found[name] = _dynamic_part(part, place, source, depth + 1)
+        text, counts[name] = _dynamic_part(part, place, source, depth + 1)
         source.files[file] = text.encode()
         etree.SubElement(etree.SubElement(bare, "asset"), "model", {"name": name, "file": file})
-    return found
+    return counts
 
 
 def _meshes(

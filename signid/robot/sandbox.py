@@ -48,13 +48,13 @@ def may_read(path: str | Path, folders: Sequence[str | Path]) -> bool:
 def _guard(folders: Sequence[str]) -> None:
     """Restrict this process permanently by an audit hook: it reads files of Python and of `folders`."""
     libraries = ("stdlib", "platstdlib", "purelib", "platlib")
-    own = tuple(os.path.abspath(sysconfig.get_path(kind)) + os.sep for kind in libraries)
+    allowed = tuple(os.path.abspath(sysconfig.get_path(kind)) + os.sep for kind in libraries)
     writes = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC
 
     def watch(event: str, given: tuple[Any, ...]) -> None:
         if event == "open" and isinstance(given[0], str | bytes):
             path = os.path.abspath(os.fsdecode(given[0]))
-            known = path.startswith(own) or os.path.basename(path) in MANIFEST_FILES
+            known = path.startswith(allowed) or os.path.basename(path) in MANIFEST_FILES
             if given[2] & writes or not (known or may_read(path, folders)):
                 raise PermissionError(13, PLACE_FAULT, path)
         elif event.startswith(REFUSED_EVENTS):
@@ -68,9 +68,9 @@ def _limit_process() -> None:
         import resource
     except ImportError:  # Windows; the parent process limits the time
         return
-    for kind, most in ((resource.RLIMIT_CPU, MAX_SECONDS), (resource.RLIMIT_AS, MAX_MEMORY)):
+    for kind, limit in ((resource.RLIMIT_CPU, MAX_SECONDS), (resource.RLIMIT_AS, MAX_MEMORY)):
         known = resource.getrlimit(kind)[1]
-        least = most if known == resource.RLIM_INFINITY else min(most, known)
+        least = limit if known == resource.RLIM_INFINITY else min(limit, known)
         with contextlib.suppress(ValueError):  # macOS has no memory limit
             resource.setrlimit(kind, (least, least))
 
@@ -93,14 +93,14 @@ def _compile(scratch: str) -> str:
     ]
     ties = [i for i in range(model.neq) if model.eq_active0[i]]
     medium = [model.opt.density, model.opt.viscosity, *model.opt.wind]
-    found = {
+    content = {
         "gravity": [0.0] * 3 if off["GRAVITY"] else model.opt.gravity.tolist(),
         "medium": any(medium),
         "bodies": bodies,
         "joints": [_compiled_joint(model, i, off) for i in range(model.njnt)],
         "ties": [[int(model.eq_obj1id[i]), int(model.eq_obj2id[i]), model.eq_data[i, :5].tolist()] for i in ties],
     }
-    return json.dumps(found)
+    return json.dumps(content)
 
 
 def _compiled_joint(model: Any, i: int, off: dict[str, bool]) -> dict[str, Any]:

@@ -134,7 +134,7 @@ def _joint_notes(tree: Tree, moving: list[Joint], known: Container[str]) -> Iter
         "velocity": [x.name for x in moving if x.axis.velocity == inf],
         "effort": [x.name for x in moving if x.axis.effort == inf],
     }
-    yield from (f"no {what} limit is stated for {shorten(found)}" for what, found in lacking.items() if found)
+    yield from (f"no {what} limit is stated for {shorten(joints)}" for what, joints in lacking.items() if joints)
 
 
 def _carriers(tree: Tree) -> dict[str, str | None]:
@@ -231,8 +231,8 @@ def read_tree(robot: Any, fallback: str) -> Tree:
 
 def _root(links: list[str], joints: tuple[Joint, ...]) -> str:
     known = set(links)
-    for what, given in (("links", links), ("joints", [joint.name for joint in joints])):
-        for twice in _repeated(given):
+    for what, names in (("links", links), ("joints", [joint.name for joint in joints])):
+        for twice in _repeated(names):
             raise RobotError(f"the file has two {what} named {twice!r}; give each its own name")
     for joint in joints:
         for link in (joint.parent, joint.child):

@@ -51,9 +51,9 @@ class Arguments(dict[str, str]):
     One that is read before its declaration, as in <robot name="$(arg name)">, has its default.
     """
 
-    def __init__(self, given: Mapping[str, str]) -> None:
-        super().__init__(given)
-        self.given, self.lacking = frozenset(given), list[str]()
+    def __init__(self, arguments: Mapping[str, str]) -> None:
+        super().__init__(arguments)
+        self.given, self.lacking = frozenset(arguments), list[str]()
         self.declared, self.required = list[str](), list[str]()  # by <xacro:arg> with a default, and without
         self.read, self.expressions = list[str](), list[str]()  # by $(arg NAME), and texts that may read others
         self.defaults = dict[str, str]()  # those without expressions
@@ -79,7 +79,7 @@ class Arguments(dict[str, str]):
         for node in document.getElementsByTagName("*"):
             texts = [part.data for part in node.childNodes if part.nodeType in _TEXT_NODES]
             for text in (*dict(node.attributes.items()).values(), *texts):
-                self.read += [one or other for one, other in _ARGUMENT_READ.findall(text)]
+                self.read += [single or other for single, other in _ARGUMENT_READ.findall(text)]
                 self.expressions += _EVALUATION.findall(text)
 
     def check(self) -> None:
@@ -214,9 +214,9 @@ def _substitute(expression: str, context: dict[str, Any]) -> str:
     def value(name: str) -> Any:
         return substitution_args.convert_value(arguments[name], "auto")
 
-    own = {"arg": value, "dirname": lambda: os.path.dirname(context["filename"])}
+    commands = {"arg": value, "dirname": lambda: os.path.dirname(context["filename"])}
     known = {k: v for k, v in substitution_args._eval_dict.items() if not k.startswith("_")}
-    return str(_evaluate(expression, {**{name: value(name) for name in arguments}, **own, **known}))
+    return str(_evaluate(expression, {**{name: value(name) for name in arguments}, **commands, **known}))
 
 
 def strict_parser(arguments: Arguments) -> Callable[..., Any]:
@@ -298,10 +298,10 @@ def package_finder(path: str, package_dirs: Sequence[str], allow: Callable[[str]
     that is found. The name of a package that is not there becomes ABSENT_PACKAGE and the name, as meshes have it.
     """
     place = Path(os.path.abspath(path))
-    above, given = place.parents, [Path(folder) for folder in package_dirs]
+    above, folders = place.parents, [Path(folder) for folder in package_dirs]
 
     def candidates(name: str) -> Iterator[Path]:
-        for folder in given:
+        for folder in folders:
             yield from (at for at in (folder, folder / name) if _states_package(at, name))
             yield from (at for at in (folder, folder / name) if at.name == name and at.is_dir())
             yield from _find_below(folder, name)

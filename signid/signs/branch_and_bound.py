@@ -195,26 +195,26 @@ class _Relaxed(NamedTuple):
 
     def floors(self, energy: float, sums: Array, cuts: Array) -> Array:
         """(W,) lower bounds on the loss of all leaves of W nodes with sums g (W, r)."""
-        own = self._outside(sums, cuts)
-        return np.asarray(energy - self.heights.sum() - np.einsum("rw,rw->w", own, own))
+        outside = self._outside(sums, cuts)
+        return np.asarray(energy - self.heights.sum() - np.einsum("rw,rw->w", outside, outside))
 
     def solve(self, sums: Array, cuts: Array) -> Array:
         """(r, W) minimisers z of the lower bounds."""
         from scipy.linalg import solve_triangular
 
-        own = self._outside(sums, cuts)
-        return np.asarray(solve_triangular(self.factor, own, trans="T", lower=True, check_finite=False))
+        outside = self._outside(sums, cuts)
+        return np.asarray(solve_triangular(self.factor, outside, trans="T", lower=True, check_finite=False))
 
     def _outside(self, sums: Array, cuts: Array) -> Array:
         """(r, W) half-solved sums less planes @ prices; a few sweeps over prices >= 0 make them short."""
-        own, planes = self._half(sums.T), self._half(cuts)
-        gram, inner = planes.T @ planes, planes.T @ own
+        outside, planes = self._half(sums.T), self._half(cuts)
+        gram, inner = planes.T @ planes, planes.T @ outside
         prices = np.zeros(inner.shape)
         for _ in range(CUT_SWEEPS):
             for k, row in enumerate(gram):
                 prices[k] = np.maximum(prices[k] + (inner[k] - row @ prices) / row[k], 0.0)
-        own -= planes @ prices
-        return own
+        outside -= planes @ prices
+        return outside
 
     def _half(self, columns: Array) -> Array:
         if not columns.size:
@@ -272,25 +272,25 @@ class _Tree:
 
     def leaves(self) -> Array:
         """(K, S) signs s of the nodes of the nodes of the last level."""
-        found = np.empty((len(self.sums), len(self.order)))
+        floors = np.empty((len(self.sums), len(self.order)))
         at = np.arange(len(self.sums))
         for i, (parent, signs) in zip(self.order[: self.level][::-1], self.ancestors[::-1], strict=True):
-            found[:, i] = signs[at]
+            floors[:, i] = signs[at]
             at = parent[at]
-        return found
+        return floors
 
     def _fitted(self, sums: Array) -> _Relaxed:
         """Parabolas after an ascent of the mean bound over some nodes."""
         later = self.b[:, self.level :]
-        some = sums[np.unique(np.linspace(0, len(sums) - 1, PARABOLA_NODES).astype(int))]
+        nodes = sums[np.unique(np.linspace(0, len(sums) - 1, PARABOLA_NODES).astype(int))]
         best = _relax(later, self.heights[self.level :]) or _relax(later, self.high[self.level :])
         assert best is not None, "parabolas as high as the energies leave M positive definite"
-        value = float(best.floors(self.energy, some, self.cuts).mean())
+        value = float(best.floors(self.energy, nodes, self.cuts).mean())
         for _ in range(ASCENT_STEPS if self.level == 1 else 1):
-            step = np.sqrt(np.mean((later.T @ best.solve(some, self.cuts)) ** 2, 1)) - best.heights
+            step = np.sqrt(np.mean((later.T @ best.solve(nodes, self.cuts)) ** 2, 1)) - best.heights
             for share in STEP_SHARES:
                 trial = _relax(later, np.maximum(best.heights + share * step, self.least))
-                reached = -np.inf if trial is None else float(trial.floors(self.energy, some, self.cuts).mean())
+                reached = -np.inf if trial is None else float(trial.floors(self.energy, nodes, self.cuts).mean())
                 if trial is not None and reached > value:
                     best, value = trial, reached
                     break

@@ -315,8 +315,8 @@ def _joint_flips(scores: Scores) -> Array:
         flips = (np.arange(2 ** (count - 1))[:, None] >> np.arange(count - 1)) & 1
         flips = np.column_stack([np.zeros(len(flips), dtype=int), flips])
     else:
-        one = np.eye(count, dtype=int)[int(problem.anchored) :]
-        flips = np.unique((one[:, None] | one).reshape(-1, count), axis=0)
+        single = np.eye(count, dtype=int)[int(problem.anchored) :]
+        flips = np.unique((single[:, None] | single).reshape(-1, count), axis=0)
     return np.asarray(signs * (1.0 - 2.0 * flips[:, at]))
 
 
@@ -326,7 +326,7 @@ def _moved_signs(scores: Scores, moves: Sequence[Array]) -> Array:
     for move in moves:
         move = np.append(move, np.zeros(problem.count - len(move)))
         for joint in np.unique(problem.joints):
-            own = (problem.joints == joint) & (joint >= 0)
-            if own.any() and move[own].all():
-                moved += [np.where(own, sign * new, signs) for sign in (1, -1) for new in (move, signs * move)]
+            on_joint = (problem.joints == joint) & (joint >= 0)
+            if on_joint.any() and move[on_joint].all():
+                moved += [np.where(on_joint, sign * new, signs) for sign in (1, -1) for new in (move, signs * move)]
     return np.array(moved).reshape(-1, problem.count)

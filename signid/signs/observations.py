@@ -78,9 +78,9 @@ class Observations(Frozen):
 
     def rows(self, joint: int, at: slice | Mask | Indices = slice(None)) -> Array:
         """(M, b) rows of a joint at some samples, over all base parameters [torque per unit of each]."""
-        own = self.columns[joint][at]
-        wide = np.zeros((len(own), self.count))
-        wide[:, self.seen[joint]] = own
+        columns = self.columns[joint][at]
+        wide = np.zeros((len(columns), self.count))
+        wide[:, self.seen[joint]] = columns
         return wide
 
     def predict(self, value: Array) -> Array:
@@ -261,17 +261,17 @@ def split_by_signs(segments: Sequence[Segment], signs: Array) -> list[Segment]:
     """Split segments where the signs (N, n) [1] of their samples change."""
     found: list[Segment] = []
     for segment in segments:
-        own = signs[segment.start : segment.stop, segment.joint]
-        found += segment.cut((segment.start + 1 + np.flatnonzero(own[1:] != own[:-1])).tolist())
+        segment_signs = signs[segment.start : segment.stop, segment.joint]
+        found += segment.cut((segment.start + 1 + np.flatnonzero(segment_signs[1:] != segment_signs[:-1])).tolist())
     return found
 
 
 def in_motion(observed: Observations, joint: int) -> Mask:
     """Mask (N,) of the samples in which a joint is not at rest; static friction of a joint at rest is unknown."""
-    found = np.ones(len(observed), dtype=bool)
+    moving = np.ones(len(observed), dtype=bool)
     for _, start, stop in runs(observed, joint, ~observed.steady[:, joint]):
-        found[start:stop] = stop - start < max(SEGMENT_SAMPLES, round(REST_DURATION / observed.period))
-    return found
+        moving[start:stop] = stop - start < max(SEGMENT_SAMPLES, round(REST_DURATION / observed.period))
+    return moving
 
 
 def runs(observed: Observations, joint: int, inside: Mask) -> Iterator[Segment]:
@@ -284,8 +284,8 @@ def runs(observed: Observations, joint: int, inside: Mask) -> Iterator[Segment]:
 
 def _split_samples(observed: Observations, segment: Segment, predicted: Array, noise: float) -> Iterator[int]:
     """Samples at which to split a segment: lowest |torque| between clear runs of opposite signs of the model."""
-    own = predicted[segment.start : segment.stop]
-    clear = np.where(np.abs(own) > SPLIT_DEVIATIONS * noise, np.sign(own), 0.0)
+    torque = predicted[segment.start : segment.stop]
+    clear = np.where(np.abs(torque) > SPLIT_DEVIATIONS * noise, np.sign(torque), 0.0)
     at = np.flatnonzero(clear)
     if not len(at):
         return
@@ -297,8 +297,8 @@ def _split_samples(observed: Observations, segment: Segment, predicted: Array, n
             yield segment.start + int(one[-1] + np.argmin(magnitude[one[-1] : other[0] + 1]))
 
 
-def _too_short(observed: Observations, joint: int, found: Sequence[Segment]) -> str:
-    longest = max((run.length for run in found), default=0)
+def _too_short(observed: Observations, joint: int, segments: Sequence[Segment]) -> str:
+    longest = max((run.length for run in segments), default=0)
     have = f"the longest has {longest} sample{'' if longest == 1 else 's'}, {SEGMENT_SAMPLES} are needed"
     fact = f"no run of |torque| of {observed.joints[joint]} above its threshold is long enough ({have})"
     moves = float(in_motion(observed, joint).mean())
@@ -316,7 +316,7 @@ def place_sign_changes(observed: Observations, signs: Array, predicted: Array) -
     Applies to stretches near a reversal whose ends differ in sign and whose torque is large throughout: the torque
     jumped past zero, so absolute values do not show where friction changed its sign.
     """
-    found, begins = signs.copy(), np.flatnonzero(observed.first)
+    placed, begins = signs.copy(), np.flatnonzero(observed.first)
     for joint in observed.hidden:
         magnitude = np.abs(observed.torque[:, joint])
         large = JUMP_TORQUE * observed.rms[joint]
@@ -327,8 +327,8 @@ def place_sign_changes(observed: Observations, signs: Array, predicted: Array) -
             size, model = magnitude[start:stop], predicted[start:stop, joint]
             if before != after and size.min() > large:
                 at = start + place_sign_change(before, after, size, model)
-                found[start:at, joint], found[at:stop, joint] = before, after
-    return found
+                placed[start:at, joint], placed[at:stop, joint] = before, after
+    return placed
 
 
 def place_sign_change(before: float, after: float, size: Array, model: Array) -> int:

@@ -110,10 +110,10 @@ def _invisible_bodies(observed: Observations, inferred: InferredSigns) -> Iterat
     share = np.std(observed.predict(bodies), axis=0) / observed.scale
     signs = np.append(inferred.signs, np.ones(problem.count - len(inferred.signs)))
     for pattern in friction_patterns(problem, observed, inferred.segments):
-        own = pattern != 0
-        joint = int(problem.joints[own][0])
-        others = ascend(problem, np.where(own, [signs * pattern, -signs * pattern], signs), joints=False)
-        rivals = [problem.loss(other) for other in others if np.any(other[own] != signs[own])]
+        nonzero = pattern != 0
+        joint = int(problem.joints[nonzero][0])
+        others = ascend(problem, np.where(nonzero, [signs * pattern, -signs * pattern], signs), joints=False)
+        rivals = [problem.loss(other) for other in others if np.any(other[nonzero] != signs[nonzero])]
         if share[joint] < MIN_BODY_TORQUE and min(rivals, default=np.inf) < problem.loss(signs) + RIVAL_WINDOW:
             yield (
                 f"the torque of {observed.joints[joint]} shows nothing of the robot's bodies, so Coulomb friction and "
@@ -164,13 +164,13 @@ class Recovered:
     signs: Signs | None = None  # None where every torque had its sign
     gains: TorqueConstants | None = None  # torque constants that were not known
 
-    def widen(self, found: Estimate, factors: Factors, base: BaseMap, whiten: bool) -> Estimate:
+    def widen(self, estimate: Estimate, factors: Factors, base: BaseMap, whiten: bool) -> Estimate:
         """The estimate with the uncertainty of the torque constants that were found."""
         if self.gains is None:
-            return found
+            return estimate
         covariance = self.gains.covariance
-        slopes = constant_sensitivity(found, factors, base, np.diag(covariance) > 0, whiten)
-        return replace(found, covariance=found.covariance + slopes @ covariance @ slopes.T)
+        slopes = constant_sensitivity(estimate, factors, base, np.diag(covariance) > 0, whiten)
+        return replace(estimate, covariance=estimate.covariance + slopes @ covariance @ slopes.T)
 
     def session_to_fit(self, robot: Robot) -> Session:
         """Session to estimate with; recovered signs give another noise of the torque, so it is arranged again."""
@@ -223,10 +223,10 @@ def recover(session: Session, *, method: str = "exact", progress: Progress | Non
     unscaled = any(recording.scaled is not None for recording in session.recordings)
     gains = find_gains(session, progress) if unscaled else None
     if gains is not None:
-        found = recover(
+        recovered = recover(
             session.exchange({r: gains.scale(r) for r in session.recordings}), method=method, progress=progress
         )
-        return replace(found, signs=found.signs and gains.describe(found.signs), gains=gains)
+        return replace(recovered, signs=recovered.signs and gains.describe(recovered.signs), gains=gains)
     if session.signed:
         return Recovered(session, session)
     task, learn, seed = session.task, session.learned, session.options.seed

@@ -124,9 +124,9 @@ def expected_signs(odds: Array, tied: Array) -> Array:
 
     Source: forward and backward messages of Rabiner, Proc. IEEE 77(2), 1989, as odds.
     """
-    own, same = np.exp(odds), np.exp(tied)
+    evidence, same = np.exp(odds), np.exp(tied)
     after = np.concatenate([same[1:], np.ones_like(same[:1])])
-    return np.tanh(0.5 * (_messages(own, same) + _messages(own[::-1], after[::-1])[::-1] - odds))
+    return np.tanh(0.5 * (_messages(evidence, same) + _messages(evidence[::-1], after[::-1])[::-1] - odds))
 
 
 def likeliest_signs(odds: Array, tied: Array) -> Array:
@@ -150,16 +150,16 @@ def likeliest_signs(odds: Array, tied: Array) -> Array:
     return np.array(paths).reshape(odds.T.shape).T
 
 
-def _messages(own: Array, same: Array) -> Array:
+def _messages(evidence: Array, same: Array) -> Array:
     """(N, h) log-odds of a positive sign from each sample and all before it."""
     chains = []
-    for chain, ties in zip(own.T.tolist(), same.T.tolist(), strict=True):
+    for chain, ties in zip(evidence.T.tolist(), same.T.tolist(), strict=True):
         messages, odds = [], 1.0
         for alone, tie in zip(chain, ties, strict=True):
             odds = alone * (odds * tie + 1.0) / (odds + tie)
             messages.append(odds)
         chains.append(messages)
-    return np.asarray(np.log(np.array(chains).reshape(own.T.shape)).T)
+    return np.asarray(np.log(np.array(chains).reshape(evidence.T.shape)).T)
 
 
 def _masked_mean(squares: Array, which: Mask) -> Array:
@@ -220,11 +220,11 @@ def place_jumps(task: Task, part: Part, step: int, thinned: Trace, value: Array)
     changing = (thinned.signs[1:] != thinned.signs[:-1]) & large[1:] & large[:-1]
     changing[thinned.first[1:] - 1] = False
     signs, after, t, inner = thinned.signs.copy(), [], [], []
-    for at, times, own in _jumps(task, part, step, changing.any(axis=1), thinned.signs, value):
-        signs[[at, at + 1]] = own[[0, -1]]
-        after += [at] * (len(own) - 2)
+    for at, times, jump_signs in _jumps(task, part, step, changing.any(axis=1), thinned.signs, value):
+        signs[[at, at + 1]] = jump_signs[[0, -1]]
+        after += [at] * (len(jump_signs) - 2)
         t.append(times[1:-1])
-        inner.append(own[1:-1])
+        inner.append(jump_signs[1:-1])
     if not after:
         return thinned.t, thinned.first, signs
     place = np.array(after, dtype=np.intp) + 1
@@ -269,14 +269,14 @@ def expect_signs(task: Task, part: Part, value: Array, sigma: Array, signs: NDAr
         odds = np.clip(2 * predict(task, motion, value) * magnitude / variance, -MAX_SIGN_ODDS, MAX_SIGN_ODDS)
         expected = expected_signs(odds, coupling(magnitude, np.arange(len(odds)) == 0, 0.0))
         grid.append(np.where(steady, expected, np.nan).astype(np.float32))
-    found, ends = signs.astype(np.float32), np.cumsum([stretch.count for stretch in sampling.stretches])
-    for stretch, own in zip(sampling.stretches, np.split(np.concatenate(grid), ends[:-1]), strict=True):
-        _assign_nearest(found, part, stretch, own)
-    found[:, recording.signed] = signs[:, recording.signed]
-    return found
+    weights, ends = signs.astype(np.float32), np.cumsum([stretch.count for stretch in sampling.stretches])
+    for stretch, stretch_signs in zip(sampling.stretches, np.split(np.concatenate(grid), ends[:-1]), strict=True):
+        _assign_nearest(weights, part, stretch, stretch_signs)
+    weights[:, recording.signed] = signs[:, recording.signed]
+    return weights
 
 
-def _assign_nearest(found: Weights, part: Part, stretch: Stretch, expected: Weights) -> None:
+def _assign_nearest(weights: Weights, part: Part, stretch: Stretch, expected: Weights) -> None:
     """Assign to each row of a stretch the expectation of the nearest sample of the grid."""
     recording, sampling = part
     for start in range(stretch.start, stretch.stop, EXPECTATION_ROWS):
@@ -284,10 +284,10 @@ def _assign_nearest(found: Weights, part: Part, stretch: Stretch, expected: Weig
         stamps = row_times(recording, sampling, rows.start, rows.stop)
         place = np.round((stamps - stretch.stamps[0]) / sampling.period).astype(np.intp) - stretch.first
         inside = (place >= 0) & (place < len(expected))
-        soft, hard = expected[np.clip(place, 0, len(expected) - 1)], found[rows]
+        soft, hard = expected[np.clip(place, 0, len(expected) - 1)], weights[rows]
         clash = (np.sign(soft) != hard) & (np.abs(soft) > MIN_CONTRADICTION)
         keep = ~inside[:, None] | np.isnan(soft) | (soft == 0) | (hard == 0) | clash
-        found[rows] = np.where(keep, hard, soft)
+        weights[rows] = np.where(keep, hard, soft)
 
 
 def signs_of_rows(recording: Recording, sampling: Sampling, t: Array, first: Indices, signs: SignMarks) -> SignMarks:
@@ -301,16 +301,16 @@ def signs_of_rows(recording: Recording, sampling: Sampling, t: Array, first: Ind
     The M samples at times t (M,) [s] with signs (M, n) [1] lie on the grids of the spans that are long enough, and
     start a span at the indices first (k,).
     """
-    found = np.zeros((len(recording), len(recording.joints)), np.int8)
+    marks = np.zeros((len(recording), len(recording.joints)), np.int8)
     pieces = [slice(*ends) for ends in pairwise([*first.tolist(), len(t)])]
     for stretch in sampling.stretches:
         low, high = _span_ends(stretch, sampling.period)
         if pieces and low < t[pieces[0].start] and t[pieces[0].stop - 1] < high:
             piece = pieces.pop(0)
-            _fill_span(found, _Span.of(recording, sampling, stretch, t[piece]), signs[piece])
+            _fill_span(marks, _Span.of(recording, sampling, stretch, t[piece]), signs[piece])
     assert not pieces, "every span of the samples lies in one of the recording, in the same order"
-    found[:, recording.signed] = 1
-    return found
+    marks[:, recording.signed] = 1
+    return marks
 
 
 class _FileRows(NamedTuple):
@@ -380,7 +380,7 @@ def _row_at(recording: Recording, sampling: Sampling, stretch: Stretch, t: Array
     return rows
 
 
-def _fill_span(found: SignMarks, span: _Span, signs: SignMarks) -> None:
+def _fill_span(marks: SignMarks, span: _Span, signs: SignMarks) -> None:
     """Set the signs of the rows of a span."""
     own = signs[:, span.hidden]
     changes = np.repeat(span.at[1:, None], len(span.hidden), axis=1)  # rows from which the next sample's sign holds
@@ -397,17 +397,17 @@ def _fill_span(found: SignMarks, span: _Span, signs: SignMarks) -> None:
                 changes[which, i] = rows.number[_crossings(rows.t, rows.size[:, i], low, high, span.exact)]
     for i, j in enumerate(span.hidden):
         lengths = np.diff([span.begin, *changes[:, i], span.end])
-        found[span.begin : span.end, j] = np.repeat(own[:, i], lengths)
+        marks[span.begin : span.end, j] = np.repeat(own[:, i], lengths)
     step = min(max(MIN_PARABOLA_ROWS, int(span.at[-1] - span.at[0]) // max(1, len(span.at) - 1)), MAX_PARABOLA_ROWS)
     first, last = int(span.at[0]), int(span.at[-1]) + span.exact
     left, right = span.read(span.begin, first + step + 1).backwards(), span.read(last - step - 1, span.end)
     for i, j in enumerate(span.hidden):
-        known = int(np.sum(left.number >= first)) + int(found[first, j] != own[0, i])
+        known = int(np.sum(left.number >= first)) + int(marks[first, j] != own[0, i])
         for turn in _kinks(left, i, known, float(span.small[i]), step):
-            found[span.begin : left.number[turn - 1], j] *= -1
-        known = int(np.sum(right.number < last)) + int(found[max(last - 1, span.begin), j] != own[-1, i])
+            marks[span.begin : left.number[turn - 1], j] *= -1
+        known = int(np.sum(right.number < last)) + int(marks[max(last - 1, span.begin), j] != own[-1, i])
         for turn in _kinks(right, i, known, float(span.small[i]), step):
-            found[right.number[turn] : span.end, j] *= -1
+            marks[right.number[turn] : span.end, j] *= -1
 
 
 def _crossings(t: Array, size: Array, low: Indices, high: Indices, exact: bool) -> Indices:
@@ -436,11 +436,11 @@ def _kinks(rows: _FileRows, joint: int, known: int, small: float, step: int) -> 
     low = size < np.maximum(small, np.maximum(steps[1:], steps[:-1]))  # near zero, or within a step between rows
     lowest = np.flatnonzero((size[1:-1] <= size[:-2]) & (size[1:-1] < size[2:]) & low[1:-1]) + 1
     turns = lowest + _keeps_sign(rows.t, size, lowest)
-    found: list[int] = []
+    rows_of_kinks: list[int] = []
     for bend, turn in sorted((_kink_ratio(rows.t, size, turn, step), turn) for turn in turns[turns >= known].tolist()):
-        if bend < MAX_KINK_RATIO and all(abs(turn - other) > step for other in found):
-            found.append(turn)
-    return found
+        if bend < MAX_KINK_RATIO and all(abs(turn - other) > step for other in rows_of_kinks):
+            rows_of_kinks.append(turn)
+    return rows_of_kinks
 
 
 def _kink_ratio(t: Array, size: Array, turn: int, step: int) -> float:

@@ -112,12 +112,12 @@ def share_constants(factors: Factors, base: BaseMap, unknown: Mask) -> Constants
             seen = columns[j]
             joints[j] = move(joints[j], np.column_stack([np.eye(len(seen)), -value[seen]]))
             columns[j] = np.append(seen, rank + i)
-        found = estimate(
+        estimated = estimate(
             replace(scaled, joints=tuple(joints), columns=tuple(columns)), base, np.zeros(rank + len(free))
         )
-        value, step = found.value[:rank], np.clip(found.value[rank:], -MAX_LOG_STEP, MAX_LOG_STEP)
+        value, step = estimated.value[:rank], np.clip(estimated.value[rank:], -MAX_LOG_STEP, MAX_LOG_STEP)
         log[free] += step
-        covariance[np.ix_(free, free)] = found.covariance[rank:, rank:]
+        covariance[np.ix_(free, free)] = estimated.covariance[rank:, rank:]
         if np.abs(step).max() < CONVERGED_LOG_STEP:
             break
     diverged = free[np.abs(step) > np.maximum(MAX_LAST_STEP * np.sqrt(np.diag(covariance)[free]), CONVERGED_LOG_STEP)]
@@ -125,12 +125,12 @@ def share_constants(factors: Factors, base: BaseMap, unknown: Mask) -> Constants
     return Constants(log, covariance)
 
 
-def constant_sensitivity(found: Estimate, factors: Factors, base: BaseMap, joints: Mask, whiten: bool) -> Array:
+def constant_sensitivity(estimated: Estimate, factors: Factors, base: BaseMap, joints: Mask, whiten: bool) -> Array:
     """Derivative (b, n) [units of base] of base parameters by the logarithms of constants; zero for other joints."""
     slopes = np.zeros((base.rank, len(joints)))
     for j in np.flatnonzero(joints).tolist():
         moved = _scaled(factors, LOG_DIFFERENCE * np.eye(len(joints))[j])
-        slopes[:, j] = (estimate(moved, base, found.value, whiten).value - found.value) / LOG_DIFFERENCE
+        slopes[:, j] = (estimate(moved, base, estimated.value, whiten).value - estimated.value) / LOG_DIFFERENCE
     return slopes
 
 
@@ -140,8 +140,8 @@ def move(joint: JointFactors, columns: Array, scale: float = 1.0) -> JointFactor
     copies = (joint.grams.shape[1] - 1) // max(m, 1)  # two with instruments, else one
     turn = np.zeros((copies * m + 1, copies * k + 1))
     turn[:-1, :-1], turn[-1, -1] = np.kron(np.eye(copies), columns), scale
-    own = turn[-m - 1 :, -k - 1 :]
-    whole = own.T @ joint.whole @ own
+    corner = turn[-m - 1 :, -k - 1 :]
+    whole = corner.T @ joint.whole @ corner
     return replace(joint, grams=turn.T @ joint.grams @ turn, whole=whole, total=scale * joint.total)
 
 
@@ -171,12 +171,12 @@ def _start_constants(factors: Factors, free: Indices, rank: int) -> Array:
         at = np.append(seen, rank)
         grams[-1][np.ix_(at, at)] = own / variance
     total = np.sum([gram for j, gram in enumerate(grams) if j not in free], axis=0)
-    found: dict[int, float] = {}
-    while len(found) < len(free):
-        trials = {j: _try_constant(total, grams[j]) for j in free.tolist() if j not in found}
+    logs: dict[int, float] = {}
+    while len(logs) < len(free):
+        trials = {j: _try_constant(total, grams[j]) for j in free.tolist() if j not in logs}
         j = max(trials, key=lambda j: trials[j].margin)
-        total, found[j] = trials[j].gram, trials[j].log
-    return np.array([found[j] for j in free.tolist()])
+        total, logs[j] = trials[j].gram, trials[j].log
+    return np.array([logs[j] for j in free.tolist()])
 
 
 def _explained_power(gram: Array) -> float:
@@ -216,9 +216,9 @@ def describe_constants(task: Task, factors: Factors) -> Constants:
         columns = np.column_stack([rigid[seen], task.base.combination[seen][:, laws]])
         if not joint.counts[0] or not rigid[seen].any():
             continue
-        one = replace(factors, joints=(move(joint, columns),), columns=(np.arange(len(laws) + 1),), sample=None)
-        found = estimate(one, task.base, np.zeros(len(laws) + 1))
-        inverse, std = float(found.value[0]), float(np.sqrt(found.covariance[0, 0]))
+        alone = replace(factors, joints=(move(joint, columns),), columns=(np.arange(len(laws) + 1),), sample=None)
+        estimated = estimate(alone, task.base, np.zeros(len(laws) + 1))
+        inverse, std = float(estimated.value[0]), float(np.sqrt(estimated.covariance[0, 0]))
         if inverse > 0 and std < MAX_CONSTANT_STD * inverse:
             log[j], noise[j] = -np.log(inverse), std / inverse
             gram = joint.grams[0][-len(seen) - 1 : -1, -len(seen) - 1 : -1]
@@ -371,8 +371,8 @@ def _alternate(session: Session, observed: Observations, unknown: Mask, progress
         parts = []
         for part, (recording, sampling) in enumerate(session.learned):
             at = observed.part == part
-            t, first, own = observed.t[at], np.flatnonzero(observed.first[at]), signs[at].astype(np.int8)
-            parts.append((with_signs(recording, signs_of_rows(recording, sampling, t, first, own)), sampling))
+            t, first, row_signs = observed.t[at], np.flatnonzero(observed.first[at]), signs[at].astype(np.int8)
+            parts.append((with_signs(recording, signs_of_rows(recording, sampling, t, first, row_signs)), sampling))
         constants = _estimate_constants(session.task, session.reduce(parts), unknown)
         change = np.abs(constants.log - before.log)
         if last.any() and np.all(change <= np.maximum(CONSTANT_TOLERANCE, DEVIATION_TOLERANCE * constants.std)):

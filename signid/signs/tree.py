@@ -83,7 +83,7 @@ def _conditioning(grams: Array) -> tuple[Array, Array]:
 
 def _min_set(grams: Array, known: _Set, joints: Indices, threshold: float, budget: int) -> tuple[_Set | None, bool]:
     """Best set of the smallest size that has a well-conditioned one, and whether all sets up to it were tried."""
-    base, total, own = grams[list(known)].sum(0), grams.sum(0), joints.tolist()
+    base, total, joint_of_segment = grams[list(known)].sum(0), grams.sum(0), joints.tolist()
     rest = [(j, total - grams[: len(joints)][joints == j].sum(0)) for j in np.unique(joints).tolist()]
     needed = {j for j, gram in rest if _conditioning(gram[None])[0][0] > 0}  # without them rows are rank deficient
     for size in range(0 if known else 1, min(EXHAUSTIVE_SIZE, len(joints)) + 1):
@@ -91,7 +91,7 @@ def _min_set(grams: Array, known: _Set, joints: Indices, threshold: float, budge
             continue
         if comb(len(joints), size) > MAX_GENERATED_RATIO * budget:
             return None, False
-        sets = (s for s in combinations(range(len(joints)), size) if needed <= {own[i] for i in s})
+        sets = (s for s in combinations(range(len(joints)), size) if needed <= {joint_of_segment[i] for i in s})
         taken = list(islice(sets, budget + 1))
         if len(taken) > budget:
             return None, False

@@ -97,8 +97,8 @@ def convert(
     ranges = None if conversion.calibration is None else read_calibration(conversion.calibration)
     columns = conversion.columns or reading_beside(sources[0])
     names = () if conversion.names is None else conversion.names.split(",")
-    given = "--names" if conversion.skip is None else "--skip, --names"
-    heading = read_heading(given, conversion.skip or 0, names, conversion.rate)
+    options = "--names" if conversion.skip is None else "--skip, --names"
+    heading = read_heading(options, conversion.skip or 0, names, conversion.rate)
     if ranges is not None and (robot is None or columns is not None):
         raise OptionError("--calibration is for a reading that is drafted; add --robot, and leave --columns out")
 

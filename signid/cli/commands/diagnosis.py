@@ -146,14 +146,14 @@ def diagnose(
 
 
 def _log(
-    model: Model, recordings: Sequence[Recording], found: Diagnosis | ServoDiagnosis, paths: dict[str, Path]
+    model: Model, recordings: Sequence[Recording], diagnosis: Diagnosis | ServoDiagnosis, paths: dict[str, Path]
 ) -> Logs:
     """Log of the recordings for viewers, and the paths that were asked for."""
     if not paths:
         return None
     from ...output.viewers import viewer_log
 
-    return viewer_log(model, recordings, found), paths
+    return viewer_log(model, recordings, diagnosis), paths
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -253,12 +253,12 @@ def validate(
     return deliver_report(result, inputs, validation.output, run.json, given_command(context))
 
 
-def _sort_arguments(given: Sequence[str]) -> tuple[list[str], list[str]]:
+def _sort_arguments(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
     """Separate arguments into models and recordings."""
-    if twice := next((name for name in given if given.count(name) > 1), None):
+    if twice := next((name for name in arguments if arguments.count(name) > 1), None):
         raise OptionError(f"{twice} was given twice; give each model and each recording once")
-    models = [name for name in given if _is_model(name)]
-    recordings = [name for name in given if name not in models]
+    models = [name for name in arguments if _is_model(name)]
+    recordings = [name for name in arguments if name not in models]
     if not models:
         raise OptionError(f"no model was given with {recordings[0]}; {INPUTS_HINT}")
     if not recordings:
@@ -291,8 +291,8 @@ def _is_model(name: str) -> bool:
         return True
     held = [file for file in ("model.json", "robot.urdf") if (path / file).is_file()]
     if len(held) + recorded != 1:
-        found = " and ".join([*held, *(["a recording"] if recorded else [])]) or "neither a model nor a recording"
-        raise OptionError(f"the folder {name} holds {found}; name the file instead")
+        content = " and ".join([*held, *(["a recording"] if recorded else [])]) or "neither a model nor a recording"
+        raise OptionError(f"the folder {name} holds {content}; name the file instead")
     if held == ["model.json"]:
         raise OptionError(f"the folder {name} holds a model.json; name the file, {path / held[0]}")
     return not recorded

@@ -37,7 +37,7 @@ def identify_drives(
     need_commands((*given, *held_out), moving=True)
     laws = _laws(robot, drives.law or ())
     with bars(run.json) as progress:
-        found = identify_servos(
+        result = identify_servos(
             robot,
             given,
             held_out=held_out,
@@ -50,7 +50,7 @@ def identify_drives(
             options=ServoOptions(seed=run.seed),
             progress=progress,
         )
-        return compare_models(found, given, held_out=held_out, progress=progress) if drives.compare_models else found
+        return compare_models(result, given, held_out=held_out, progress=progress) if drives.compare_models else result
 
 
 def revised_columns(
@@ -60,7 +60,7 @@ def revised_columns(
     from ...output.report import check_foreign
     from ...recording.mapping import Turned, revised_map
 
-    turned = {one.joint: Turned(one.sign, one.zero or 0.0) for one in result.zeros if one.changed and one.decided}
+    turned = {zero.joint: Turned(zero.sign, zero.zero or 0.0) for zero in result.zeros if zero.changed and zero.decided}
     if not turned or output is None:
         return {}, ()
     first = recordings[0]
@@ -80,10 +80,10 @@ def registers_beside(actuators: str | None, models: Sequence[str]) -> tuple[str 
     from ...types import Input
 
     beside = [saved.with_name("actuators.toml") for model in models if (saved := saved_model(model))]
-    found = actuators or next((str(path) for path in beside if path.is_file()), None)
-    if found is None or not Path(found).is_file():
-        return found, []
-    return found, [Input(readable(found), digest_of(Path(found)), "actuators")]
+    file = actuators or next((str(path) for path in beside if path.is_file()), None)
+    if file is None or not Path(file).is_file():
+        return file, []
+    return file, [Input(readable(file), digest_of(Path(file)), "actuators")]
 
 
 def _laws(robot: Robot, texts: Sequence[str]) -> Mapping[str, str] | str | None:
@@ -103,11 +103,11 @@ def _laws(robot: Robot, texts: Sequence[str]) -> Mapping[str, str] | str | None:
     return {joint: law for joint, law in pairs if joint is not None}
 
 
-def _joint(given: str, robot: Robot) -> str:
+def _joint(name: str, robot: Robot) -> str:
     """Name of a joint that is given by name or number."""
     from ...robot.joints import find_joint
 
-    return robot.joints[find_joint(given, robot)]
+    return robot.joints[find_joint(name, robot)]
 
 
 def injected_numbers(text: str, robot: Robot) -> tuple[str, dict[str, float]]:

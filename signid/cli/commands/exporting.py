@@ -130,15 +130,15 @@ def export(simulation: SimulationName, exports: ExportFiles, options: ExportOpti
     }
     meshes = _write(paths, made)
     files = [
-        {"kind": kind, "path": asked[kind], "flags": list(one.flags), "notes": list(one.notes)}
-        for kind, one in made.items()
+        {"kind": kind, "path": asked[kind], "flags": list(exported.flags), "notes": list(exported.notes)}
+        for kind, exported in made.items()
     ]
     known = {"schema": "signid.export/1", "robot": model.robot.name, "files": files}
-    flags = [f"{kind}: {flag}" for kind, one in made.items() for flag in one.flags]
+    flags = [f"{kind}: {flag}" for kind, exported in made.items() for flag in exported.flags]
     if json:
         return show(to_json({**known, **provenance((), simulation_inputs(source, model.robot), 0)}), flags)
     screen = Screen()
-    for kind, note in ((kind, note) for kind, one in made.items() for note in one.notes):
+    for kind, note in ((kind, note) for kind, exported in made.items() for note in exported.notes):
         screen.print(f"{kind}: {note}")
     beside = [path.with_name(path.stem + end) for kind, path in paths.items() for end in made[kind].beside]
     screen.write("\n".join(["written:", *(f"  {path}" for path in (*paths.values(), *beside, *meshes)), ""]))

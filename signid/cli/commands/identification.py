@@ -58,9 +58,9 @@ def inspect(robot: RobotArguments, run: RunOptions, effects: Effects = None) -> 
     from ...output.report import document, tables, to_json
 
     described = given_robot(robot.robot, robot)
-    found = look(described, given_effects(effects), run.seed)
-    content = document(found, given_inputs(robot.robot, described, robot.actuators), seed=run.seed)
-    return show(to_json(content) if run.json else tables(found), found.flags)
+    inspection = look(described, given_effects(effects), run.seed)
+    content = document(inspection, given_inputs(robot.robot, described, robot.actuators), seed=run.seed)
+    return show(to_json(content) if run.json else tables(inspection), inspection.flags)
 
 
 @command("signid check 3r recording.csv")
@@ -102,28 +102,28 @@ def check(
     if not paths:
         raise OptionError(f"no recording was given; write signid check {robot.robot} RECORDING")
     described = None if bare else given_robot(robot.robot, under_gravity(robot, paths, rows.columns))
-    found: Check | ServoAudit | UnusableRecordings
+    result: Check | ServoAudit | UnusableRecordings
     try:
         if described is None:
             from ...faults.commands import audit_servos
 
             bares = [read_bare(path, columns=rows.columns, rate=rows.rate) for path in paths]
             units = {joint: unit for _, stated in bares for joint, unit in stated.items()}
-            found = audit_servos([recording for recording, _ in bares], units)
+            result = audit_servos([recording for recording, _ in bares], units)
         else:
             read = given_recordings(paths, described, rows.columns, unsigned, rows.rate, output=output, quiet=run.json)
             with bars(run.json) as progress:
-                found = judge(described, read, options=given_options(rows, run.seed), progress=progress)
-            if isinstance(found, ServoAudit) and not has_drives(read):  # options for torque exclude it
-                instead_of_torque(context, RecordingError(found.notes[0].partition(": ")[2]), read, "checked")
+                result = judge(described, read, options=given_options(rows, run.seed), progress=progress)
+            if isinstance(result, ServoAudit) and not has_drives(read):  # options for torque exclude it
+                instead_of_torque(context, RecordingError(result.notes[0].partition(": ")[2]), read, "checked")
     except (RecordingError, LinAlgError, ArithmeticError) as error:
-        found = unusable(paths, error, rows.columns)
+        result = unusable(paths, error, rows.columns)
     if described is not None:
         inputs = given_inputs(robot.robot, described, robot.actuators, columns=rows.columns)
     else:
         inputs = [Input(readable(rows.columns), digest_of(Path(rows.columns)), "columns")] if rows.columns else []
-    named = {} if hasattr(found, "robot") else {"robot": described.name if described else ""}
-    return deliver_report(found, inputs, output, run.json, given_command(context), seed=run.seed, **named)
+    named = {} if hasattr(result, "robot") else {"robot": described.name if described else ""}
+    return deliver_report(result, inputs, output, run.json, given_command(context), seed=run.seed, **named)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -204,8 +204,8 @@ def identify(
     def through_drives(notes: Sequence[str] = ()) -> int:
         with time_limit(fit.time_limit):
             found = identify_drives(described, given, held_out, drives, run, bounds=fit.bounds, refit=fit.refit)
-            more, own = revised_columns(found, (*given, *held_out), rows.columns, fit.output)
-            found = replace(found, notes=(*notes, *found.notes, *own))
+            more, revised = revised_columns(found, (*given, *held_out), rows.columns, fit.output)
+            found = replace(found, notes=(*notes, *found.notes, *revised))
             return deliver_identification(found, read, fit.output, run.json, command, more)
 
     if servo:
@@ -324,7 +324,7 @@ def payload(
     ]
     options = given_options(rows, run.seed)
     with time_limit(loads.time_limit), bars(run.json) as progress:
-        found = identify_payload(model, *sides, options=options, progress=progress)
+        result = identify_payload(model, *sides, options=options, progress=progress)
     inputs = simulation_inputs(simulation, model.robot, columns=rows.columns)
-    files = {"model.json": to_json(found.model.document())} if found.found else {}
-    return deliver(found, inputs, loads.output, run.json, files)
+    files = {"model.json": to_json(result.model.document())} if result.found else {}
+    return deliver(result, inputs, loads.output, run.json, files)

@@ -212,12 +212,12 @@ def _drive(
             raise OptionError("--kp and --kd belong together and exclude --bandwidth; give both or neither")
         gains = (_numbers("--kp", loop.kp, known.robot), _numbers("--kd", loop.kd, known.robot))
     options = {"bandwidth": loop.bandwidth, "feed_forward": loop.feed_forward}
-    given = {key: value for key, value in options.items() if value is not None}
-    if not all(abs(value) < float("inf") for value in given.values()):
+    stated = {key: value for key, value in options.items() if value is not None}
+    if not all(abs(value) < float("inf") for value in stated.values()):
         raise OptionError("--bandwidth and --feed-forward must be finite; give the bandwidth in Hz and a share")
-    if not abs(given.get("feed_forward", 1.0)) <= MAX_FEED_FORWARD:
-        raise OptionError(f"--feed-forward is {given['feed_forward']:g}; give a share, up to {MAX_FEED_FORWARD:g}")
-    return track(known, asked, gains=gains, **given), float(asked.t[-1]) if duration is None else duration
+    if not abs(stated.get("feed_forward", 1.0)) <= MAX_FEED_FORWARD:
+        raise OptionError(f"--feed-forward is {stated['feed_forward']:g}; give a share, up to {MAX_FEED_FORWARD:g}")
+    return track(known, asked, gains=gains, **stated), float(asked.t[-1]) if duration is None else duration
 
 
 def _numbers(option: str, text: str, robot: Robot) -> Array:

@@ -74,7 +74,7 @@ def fleet(
     page = fleet_page(document, given_command(context), result.reused)
     written = write_files(place, {"fleet.json": text, "index.html": page})
     show(text if run.json else fleet_tables(document, result.reused), (), written)
-    if flagged := [one.entry.session for one in result.outcomes if one.done and one.code == FLAGGED]:
+    if flagged := [outcome.entry.session for outcome in result.outcomes if outcome.done and outcome.code == FLAGGED]:
         names = shorten(flagged, 3)
         write_error(f"the results of {names} are flagged; index.html marks them, their reports give the reasons")
     return FLAGGED if result.flagged else DONE

@@ -46,12 +46,12 @@ class Entry:
 
     def arguments(self, seed: int = 0) -> tuple[str, ...]:
         """Arguments of this session's command, without -o."""
-        given = [*self.options, ("seed", str(seed))] if seed else self.options
+        options = [*self.options, ("seed", str(seed))] if seed else self.options
         return (
             self.task,
             self.robot,
             *self.recordings,
-            *(word for name, value in given for word in (f"--{name.replace('_', '-')}", value)),
+            *(word for name, value in options for word in (f"--{name.replace('_', '-')}", value)),
         )
 
     def given(self, *names: str) -> tuple[str, ...]:
@@ -156,12 +156,12 @@ def _entry(line: int, row: Mapping[str, str]) -> Entry:
     if row.get("gravity"):
         parse_gravity(row["gravity"])
     options = tuple((head, value) for head in SESSION_OPTIONS for value in _split(row.get(head, "")))
-    given = row.get("session")
-    parts = (given,) if given else (name, row.get("time") or recordings[0], "" if task == SESSION_TASKS[0] else task)
+    stated = row.get("session")
+    parts = (stated,) if stated else (name, row.get("time") or recordings[0], "" if task == SESSION_TASKS[0] else task)
     session = "_".join(re.sub(r"[^\w.]+", "-", part).strip("-._") for part in parts if part)
-    if not session or len(session) > MAX_NAME_LENGTH or (given and session != given):
+    if not session or len(session) > MAX_NAME_LENGTH or (stated and session != stated):
         raise ValueError(
-            f"{given or session!r} is not a valid folder name; name the session with letters, digits, - and _"
+            f"{stated or session!r} is not a valid folder name; name the session with letters, digits, - and _"
         )
     if not time:
         day = None

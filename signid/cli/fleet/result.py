@@ -47,10 +47,10 @@ class Fleet(Result):
     @property
     def robots(self) -> list[tuple[str, list[Outcome]]]:
         """Robots with their sessions in order of time; the largest latest mismatch first, then as in the manifest."""
-        found: dict[str, list[Outcome]] = {outcome.entry.name: [] for outcome in self.outcomes}
+        by_name: dict[str, list[Outcome]] = {outcome.entry.name: [] for outcome in self.outcomes}
         for outcome in sorted(self.outcomes, key=_moment):
-            found[outcome.entry.name].append(outcome)
-        return sorted(found.items(), key=lambda robot: -(_latest(robot[1]).summary.mismatch or -1.0))
+            by_name[outcome.entry.name].append(outcome)
+        return sorted(by_name.items(), key=lambda robot: -(_latest(robot[1]).summary.mismatch or -1.0))
 
     @property
     def flagged(self) -> bool:
@@ -153,14 +153,14 @@ def find_changes(robots: Iterable[Sequence[Outcome]]) -> list[Difference]:
 
     A session is compared with those since the last change of a parameter.
     """
-    found = list[Difference]()
+    differences = list[Difference]()
     for sessions in robots:
         since: dict[tuple[str, str], int] = {}
         for k in range(1, len(sessions)):
             compared = _compared(sessions[k], sessions[:k], SESSION_SPREAD, since)
             since |= {difference.number[:2]: k for difference in compared if difference.found}
-            found += compared
-    return sorted(found, key=_rank)
+            differences += compared
+    return sorted(differences, key=_rank)
 
 
 def find_outliers(kinds: Iterable[Sequence[Outcome]]) -> list[Difference]:
@@ -178,10 +178,10 @@ def _rank(difference: Difference) -> tuple[float, str, str, str]:
 def change_document(sessions: Sequence[Sequence[Outcome]]) -> dict[str, Any]:
     """Changes and outliers among the sessions of each robot and task, with the stated priors and spreads of both."""
     kinds: dict[tuple[str, str], list[Outcome]] = {}
-    for some in sessions:
-        kinds.setdefault((some[-1].summary.kind, some[-1].entry.task), []).append(some[-1])
+    for group in sessions:
+        kinds.setdefault((group[-1].summary.kind, group[-1].entry.task), []).append(group[-1])
     moved, apart = find_changes(sessions), find_outliers(kinds.values())
-    changes, outliers = ([one for one in some if one.probability >= LISTED_PROBABILITY] for some in (moved, apart))
+    changes, outliers = ([one for one in group if one.probability >= LISTED_PROBABILITY] for group in (moved, apart))
     return {
         "changes": [row | {"sentence": change_sentence(row)} for row in map(_change, changes)],
         "outliers": [row | {"sentence": outlier_sentence(row)} for row in map(_outlier, outliers)],
@@ -246,26 +246,26 @@ def _compared(
             if k >= since.get(key, 0):
                 series.setdefault(key, []).append((other, mine[key], theirs[key]))
     largest: dict[tuple[str, str], float] = {}  # of all parameters of a joint in the same unit
-    for number in (number for some in series.values() for _, *pair in some for number in pair):
+    for number in (number for pairs in series.values() for _, *pair in pairs for number in pair):
         largest[number.place] = max(largest.get(number.place, 0.0), abs(number.value))
-    found = [_difference(session, series[key], share, largest) for key in sorted(series)]
-    ratios = [abs(one.number.value - one.centre) / one.spread for one in found]
+    differences = [_difference(session, series[key], share, largest) for key in sorted(series)]
+    ratios = [abs(difference.number.value - difference.centre) / difference.spread for difference in differences]
     wider = max(1.0, STD_OVER_MAD * median(ratios)) if len(ratios) >= MIN_SCATTER_PARAMETERS else 1.0
-    return [one._replace(spread=wider * one.spread) for one in found]
+    return [difference._replace(spread=wider * difference.spread) for difference in differences]
 
 
-def _completed(one: Summary, other: Summary) -> Iterator[Number]:
+def _completed(summary: Summary, other: Summary) -> Iterator[Number]:
     """Parameters of a session; a law that only the other diagnosis names has the stated value, or zero.
 
     Its standard deviation is then that of the largest law that a diagnosis would not name. The law is left out if this
     diagnosis names another law at its joint, which may be the same physics in other words.
     """
-    yield from one.numbers
-    known, places = {cause.name for cause in one.found}, {cause.joint for cause in one.causes}
-    for cause in other.causes if one.verdict not in ("", "unknown") else ():
+    yield from summary.numbers
+    known, places = {cause.name for cause in summary.found}, {cause.joint for cause in summary.causes}
+    for cause in other.causes if summary.verdict not in ("", "unknown") else ():
         if cause.name not in known and cause.joint not in places and cause.numbers:
             number = cause.numbers[0]
-            unseen = min(1.0, one.tolerance / max(cause.share, 1e-9)) * abs(number.value - cause.stated)
+            unseen = min(1.0, summary.tolerance / max(cause.share, 1e-9)) * abs(number.value - cause.stated)
             yield number._replace(value=cause.stated, std=max(number.std, unseen))
 
 
@@ -277,12 +277,12 @@ def _difference(
 ) -> Difference:
     """A parameter beside those of other sessions: their centre, and the spread of differences if nothing changed."""
     others, (*_, number), theirs = zip(*series, strict=True)
-    value, std = np.array([[one.value, one.std] for one in theirs]).T
+    value, std = np.array([[estimate.value, estimate.std] for estimate in theirs]).T
     few, middle = len(value) <= 2, float(np.median(value))
 
     def size(centre: float) -> float:  # that spreads are shares of: of an offset, that of the joint's friction
-        own: float = (abs(number.value) + abs(centre)) / 2
-        return max(own, largest[number.place] / 2) if number.effect == "torque_offset" else own
+        scale: float = (abs(number.value) + abs(centre)) / 2
+        return max(scale, largest[number.place] / 2) if number.effect == "torque_offset" else scale
 
     scatter = np.ptp(value) / np.sqrt(2) if few else STD_OVER_MAD * np.median(np.abs(value - middle))
     beyond_noise = float(np.sqrt(max(0.0, scatter**2 - np.mean(std**2))))

@@ -131,11 +131,11 @@ def read_session(place: Path, wanted: Mapping[str, Any] = MappingProxyType({})) 
         wanted: arguments, inputs and version that the session must have.
     """
     try:
-        found = read_json(place / SESSION_FILE)
-        files, said = dict(found["files"]), list(found["said"])
+        session = read_json(place / SESSION_FILE)
+        files, said = dict(session["files"]), list(session["said"])
         whole = files and files == {name: digest(place / name, name) for name in files}
-        sound = found["code"] in (DONE, FLAGGED) and all(isinstance(sentence, str) for sentence in said)
-        return found if whole and sound and found.items() >= wanted.items() else {}
+        sound = session["code"] in (DONE, FLAGGED) and all(isinstance(sentence, str) for sentence in said)
+        return session if whole and sound and session.items() >= wanted.items() else {}
     except (OSError, ValueError, TypeError, KeyError):
         return {}
 
@@ -232,7 +232,7 @@ def cores() -> int:
 @contextmanager
 def _processes(workers: int) -> Iterator[Callable[[Order], Future[Answer]]]:
     """Threads of this process, each with a warm process of its own; these end with the block or with the caller."""
-    context, own = _Context(), local()
+    context, thread = _Context(), local()
     lives, end = context.Pipe(duplex=False)
 
     def start() -> None:
@@ -241,11 +241,11 @@ def _processes(workers: int) -> Iterator[Callable[[Order], Future[Answer]]]:
         renew()
 
     def renew() -> None:
-        own.pool = ProcessPoolExecutor(1, context, _begin, (place, lives), max_tasks_per_child=COMMANDS_PER_PROCESS)
+        thread.pool = ProcessPoolExecutor(1, context, _begin, (place, lives), max_tasks_per_child=COMMANDS_PER_PROCESS)
 
     def answer(order: Order) -> Answer:
         try:
-            future: Future[Answer] = own.pool.submit(carry_out, order)
+            future: Future[Answer] = thread.pool.submit(carry_out, order)
             return future.result()
         except BrokenProcessPool:
             renew()

@@ -108,16 +108,16 @@ def audit_flags(robot: Robot, recordings: Sequence[Recording]) -> tuple[str, ...
     Sentences begin with the file's name if there is more than one. Recordings without a commanded position have none.
     """
     units = {joint: "m" if slides else "rad" for joint, slides in zip(robot.joints, robot.prismatic, strict=True)}
-    found: list[str] = []
+    sentences: list[str] = []
     commanded = [recording for recording in recordings if _commanded(recording)]
     audits = [audit_servos(recording, units) for recording in commanded]
     for recording, audit in zip(commanded, audits, strict=True):
         name = recording.path if len(recordings) > 1 else ""
-        found += [said if not name or said.startswith(name) else f"{name}: {said}" for said in audit.faults]
+        sentences += [said if not name or said.startswith(name) else f"{name}: {said}" for said in audit.faults]
     faulty = [{joint.joint for joint in audit.joints if joint.flags} for audit in audits]
     odd = _odd_episodes(commanded, _read(commanded), units) if len(commanded) > 1 else ()
-    found += [one.said for one in odd if one.joint not in faulty[one.episode.parts[0].recording]]
-    return tuple(dict.fromkeys(found))
+    sentences += [episode.said for episode in odd if episode.joint not in faulty[episode.episode.parts[0].recording]]
+    return tuple(dict.fromkeys(sentences))
 
 
 class _Tracks(NamedTuple):
@@ -133,8 +133,8 @@ class _Tracks(NamedTuple):
 
 def _read(recordings: Sequence[Recording]) -> _Tracks:
     samples = [read_samples(recording) for recording in recordings]
-    rows = [np.any([driven(each, j) for j in range(each.q.shape[1])], axis=0) for each in samples]
-    clocks = [read_stamps(each.t, own) for each, own in zip(samples, rows, strict=True)]
+    rows = [np.any([driven(sample, j) for j in range(sample.q.shape[1])], axis=0) for sample in samples]
+    clocks = [read_stamps(sample.t, moving) for sample, moving in zip(samples, rows, strict=True)]
     names = dict.fromkeys(joint for recording in recordings for joint in _commanded(recording))
     parts: dict[str, list[Part]] = {joint: [] for joint in names}
     for k, (recording, rows_of_it, clock) in enumerate(zip(recordings, samples, clocks, strict=True)):
@@ -167,8 +167,8 @@ def _audit(
     joint: str, unit: str, parts: Sequence[Part], period: float, coarsest: float, of_all: Sequence[Odd]
 ) -> JointAudit:
     """Audit one joint without its odd episodes; period of the rows [s], coarsest: largest step of an encoder."""
-    odd = [one for one in of_all if one.joint == joint]
-    left_out = {(part.recording, part.t[0]) for one in odd for part in one.episode.parts}
+    odd = [episode for episode in of_all if episode.joint == joint]
+    left_out = {(part.recording, part.t[0]) for episode in odd for part in episode.episode.parts}
     parts_kept = [part for part in parts if (part.recording, part.t[0]) not in left_out]
     parts = _without_turns(parts_kept, unit)
     q, command = joined(parts, "q"), joined(parts, "command")
@@ -196,13 +196,13 @@ def _audit(
         **rest._asdict(),
     )
     if span <= MIN_ENCODER_STEPS * max(step, coarsest):
-        return replace(audit, flags=(*(one.said for one in odd), *judge_still(audit, parts)))
+        return replace(audit, flags=(*(episode.said for episode in odd), *judge_still(audit, parts)))
     said = judge_joint(audit, response, parts_kept, grids)
     limit = (
         f"{joint} is at its limit in {audit.saturated:.0%} of the rows: stiffness hardly shows there; command smaller "
     )
     limits = (f"{limit}or slower motion",) if audit.saturated > SATURATED else ()
-    return replace(audit, flags=(*(one.said for one in odd), *said), limits=limits)
+    return replace(audit, flags=(*(episode.said for episode in odd), *said), limits=limits)
 
 
 class Episode(NamedTuple):
@@ -256,15 +256,15 @@ def odd_episodes(episodes: Mapping[str, Sequence[Episode]], period: float, units
         }
         for joint, own in episodes.items()
     }
-    found: list[Odd] = []
+    odd: list[Odd] = []
     for joint, own in episodes.items():
         answers = _answers(own, grids[joint])
         for k, one in enumerate(answers):
             others = [*answers[:k], *answers[k + 1 :]]
             commands = {name: _same(places[name], one) for name in episodes if name != joint}
             said = next(_differences(one, others, commands, period), "") or _moved(one, others, units.get(joint, "rad"))
-            found += [Odd(joint, one.episode, f"{joint} {said}")] if said else []
-    return tuple(found)
+            odd += [Odd(joint, one.episode, f"{joint} {said}")] if said else []
+    return tuple(odd)
 
 
 def _answers(episodes: Sequence[Episode], grids: Sequence[list[Grid]]) -> list[_Answer]:

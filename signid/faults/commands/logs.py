@@ -328,11 +328,11 @@ def _curve(response: Response, grids: Sequence[Grid]) -> str:
     ends = [(float(x.min()), float(x.max())) for x in (joined(grids, "q"), joined(grids, "command"))]
     straight, best, said = 1 - abs(response.correlation), CERTAIN, ""
     pairs = (("q", "q_des", ends, grids), ("q_des", "q", ends[::-1], [Grid(x.period, x.command, x.q) for x in grids]))
-    for one, other, ((low, _), (least, most)), each in pairs:
+    for one, other, ((low, _), (least, most)), unit in pairs:
         if straight < 1 - CERTAIN or low < 0 or not least < -BOTH * (most - least) < 0 < BOTH * (most - least) < most:
             continue
         for name, change in (("magnitude", np.abs), ("square", np.square)):
-            r = best_shift([grid._replace(command=change(grid.command)) for grid in each]).correlation
+            r = best_shift([grid._replace(command=change(grid.command)) for grid in unit]).correlation
             if r > best and 1 - r < CURVED * straight:
                 best, said = r, f"{one} is never negative and like the {name} of {other} (correlation {r:.3f})"
     return said

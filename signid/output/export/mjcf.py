@@ -200,9 +200,9 @@ def _actuators(group: Any, model: Model) -> None:
     for law in model.joint_laws:
         if law.effect.name == "torque_saturation":
             limit[list(law.joints)] = np.minimum(limit[list(law.joints)], law.parameters["limit"])
-    for joint, most, offset in zip(model.robot.joints, limit.tolist(), offsets.tolist(), strict=True):
+    for joint, max_force, offset in zip(model.robot.joints, limit.tolist(), offsets.tolist(), strict=True):
         motor = {"name": joint, "joint": joint}
-        motor |= {"forcerange": words([-most - offset, most - offset])} if np.isfinite(most) else {}
+        motor |= {"forcerange": words([-max_force - offset, max_force - offset])} if np.isfinite(max_force) else {}
         less = {"biastype": "affine", "biasprm": words([-offset, 0, 0])}
         made = [("general", motor | less) if offset else ("motor", motor)]
         for tag, entry in mjcf_actuators(joint, model.servos[joint]) if joint in model.servos else made:

@@ -86,11 +86,11 @@ def read_found(diagnosis: Diagnosis | ServoDiagnosis | str | Path) -> ReplayFind
         if after.servos:
             drives = tuple(map(_drive_finding, content["findings"]))
             return ReplayFindings(str(content["verdict"]), after, (), drives)
-        found: list[ReplayFinding] = []
+        laws: list[ReplayFinding] = []
         for x in content["findings"]:
             numbers = x["parameters"]
             values = {key: number["value"] for key, number in numbers.items()}
-            found.append(
+            laws.append(
                 ReplayFinding(
                     law=law_at(EFFECTS[x["effect"]], after.robot, x["joint"], values),
                     std={key: number["std"] for key, number in numbers.items()},
@@ -99,7 +99,7 @@ def read_found(diagnosis: Diagnosis | ServoDiagnosis | str | Path) -> ReplayFind
                     stated={key: number["stated"] for key, number in numbers.items() if "stated" in number},
                 )
             )
-        findings = tuple(found)
+        findings = tuple(laws)
         left = tuple(float(x["share"]) for x in content.get("unexplained", ()) if x.get("without_cause"))
         return ReplayFindings(str(content["verdict"]), after, findings, left=left)
     except OSError as error:

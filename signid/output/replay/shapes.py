@@ -207,12 +207,12 @@ def _turned(r: Array, z: Array) -> Triangles:
     return Triangles(np.concatenate(rings), np.concatenate(faces))
 
 
-def simplify(mesh: Triangles, most: int) -> Triangles:
+def simplify(mesh: Triangles, max_faces: int) -> Triangles:
     """Simplify a mesh to a maximum number of triangles, by vertex clustering on a grid.
 
     Source: Rossignac, Borrel, Multi-resolution 3D approximations for rendering complex scenes, 1993.
     """
-    if len(mesh.faces) <= most:
+    if len(mesh.faces) <= max_faces:
         return mesh
     size = float(np.ptp(mesh.vertices, axis=0).max())
     fine, coarse = np.log(MIN_CELL_SHARE * size), np.log(size)
@@ -220,16 +220,16 @@ def simplify(mesh: Triangles, most: int) -> Triangles:
     for _ in range(CELL_BISECTIONS):
         middle = (fine + coarse) / 2
         candidate = _clustered(mesh, float(np.exp(middle)))
-        if len(candidate.faces) > most:
+        if len(candidate.faces) > max_faces:
             fine = middle
         else:
             coarse, best = middle, candidate
     return best
 
 
-def share(counts: list[int], most: int) -> list[int]:
+def share(counts: list[int], total: int) -> list[int]:
     """Distribute a maximum number of triangles over meshes; the largest are reduced first."""
-    left, keep = most, [0] * len(counts)
+    left, keep = total, [0] * len(counts)
     for rank, k in enumerate(sorted(range(len(counts)), key=lambda k: counts[k])):
         keep[k] = min(counts[k], left // (len(counts) - rank))
         left -= keep[k]

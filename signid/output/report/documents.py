@@ -51,15 +51,15 @@ def _strict(value: Any) -> Any:
     return None if isinstance(value, float) and not isfinite(value) else value
 
 
-def excitation_verdict(found: ExcitationVerdict) -> Document:
+def excitation_verdict(excitation: ExcitationVerdict) -> Document:
     """Verdict on the excitation of the base parameters."""
     return {
-        "sufficient": found.sufficient,
-        "weakest_share": float(found.shares[0]) if len(found.shares) else None,
-        "cannot_tell": [list(names) for names in found.weak],
-        "resting": list(found.resting),
-        "in_step": [list(joints) for joints in found.in_step],
-        "too_small": list(found.small),
+        "sufficient": excitation.sufficient,
+        "weakest_share": float(excitation.shares[0]) if len(excitation.shares) else None,
+        "cannot_tell": [list(names) for names in excitation.weak],
+        "resting": list(excitation.resting),
+        "in_step": [list(joints) for joints in excitation.in_step],
+        "too_small": list(excitation.small),
     }
 
 
@@ -117,14 +117,14 @@ def opening(schema: str, robot: Robot) -> Document:
     return {"schema": schema, "robot": robot.name, "joints": list(robot.joints)}
 
 
-def ending(found: Any, recordings: Iterable[Input], others: Iterable[Input], seed: int) -> Document:
+def ending(result: Any, recordings: Iterable[Input], others: Iterable[Input], seed: int) -> Document:
     """Flags and notes of a result, and its provenance."""
-    return {"flags": list(found.flags), "notes": list(found.notes), **provenance(recordings, others, seed)}
+    return {"flags": list(result.flags), "notes": list(result.notes), **provenance(recordings, others, seed)}
 
 
-def picked(found: object, names: str) -> Document:
+def picked(source: object, names: str) -> Document:
     """Some attributes of an object, by name."""
-    return {name: getattr(found, name) for name in names.split()}
+    return {name: getattr(source, name) for name in names.split()}
 
 
 def law_units(robot: Robot, law: Law) -> dict[str, str]:
@@ -165,20 +165,20 @@ def document(result: Any, inputs: Sequence[Input] = (), **given: Any) -> Documen
         inputs: files read besides the recordings; default: the robot description.
         given: what the result does not hold, `seed`, or `robot`, the name of a robot.
     """
-    found: Document = _writer(result, "document")(result, inputs, **given)
-    return found
+    content: Document = _writer(result, "document")(result, inputs, **given)
+    return content
 
 
 def tables(result: Any, **given: Any) -> list[RenderableType]:
     """Headings, tables and sentences of a result, a type in WRITERS, for the terminal; `given` as in `document`."""
-    found: list[RenderableType] = _writer(result, "tables")(result, **given)
-    return found
+    lines: list[RenderableType] = _writer(result, "tables")(result, **given)
+    return lines
 
 
 def page(result: Any, inputs: Sequence[Input] = (), command: str = "", **given: Any) -> str:
     """Page report.html of a result, a type in REPORTED or ServoAudit; `given` as in `document`."""
-    found: str = _writer(result, "page")(result, inputs, command, **given)
-    return found
+    html: str = _writer(result, "page")(result, inputs, command, **given)
+    return html
 
 
 def _writer(result: Any, kind: str) -> Any:
@@ -201,7 +201,7 @@ def report(result: Reported, inputs: Sequence[Input] = (), command: str = "") ->
     Raises:
         OptionError: the result is of another kind, or the inputs are no sequence of `Input`.
     """
-    if isinstance(inputs, str) or not all(isinstance(each, Input) for each in inputs):
+    if isinstance(inputs, str) or not all(isinstance(entry, Input) for entry in inputs):
         advice = "no file name: save the page with Path('report.html').write_text(signid.report(result))"
         raise unexpected("report", "a list of Input as inputs", inputs, advice)
     if type(result).__name__ not in REPORTED:

@@ -94,15 +94,15 @@ def curve(name: str, x: Any, y: Any, line: dict[str, Any], **hover: str) -> dict
     return {"type": "scatter", "mode": "lines", "name": name, "line": line, **hover, "x": x, "y": y}
 
 
-def thinned(t: Array, lines: Array, first: Indices, most: int) -> tuple[Array, Array]:
+def thinned(t: Array, lines: Array, first: Indices, max_points: int) -> tuple[Array, Array]:
     """Decimate lines over a common time; keep the extremes of each stretch.
 
     Lines are interrupted (NaN) where a span starts; t: (N,) [s], lines: (N, k) [any unit], first: (s,) first samples.
     """
-    breaks = first[1:] if 6 * len(first) <= most else first[:0]
-    if len(t) + len(breaks) > most:
+    breaks = first[1:] if 6 * len(first) <= max_points else first[:0]
+    if len(t) + len(breaks) > max_points:
         extremes = 2 * lines.shape[1]
-        size = -(-extremes * len(t) // max(most - (extremes + 1) * (len(breaks) + 1), extremes))
+        size = -(-extremes * len(t) // max(max_points - (extremes + 1) * (len(breaks) + 1), extremes))
         spans = np.split(np.arange(len(t)), breaks)
         parts = [part for span in spans for part in np.split(span, np.arange(size, len(span), size))]
         full = np.nan_to_num(lines)
@@ -162,12 +162,12 @@ def steady_friction(servo: Servo, v: Array, load: float, viscous: float) -> Arra
     load: [N.m or N], not negative; viscous: coefficient [N.m.s/rad or N.s/m].
     """
     m = servo.load_friction
-    own = servo.coulomb_friction + servo.stribeck_level * np.exp(-((v / servo.stribeck_velocity) ** 2))
-    own = np.maximum(own, 0.0) + viscous * np.abs(v)
+    dry = servo.coulomb_friction + servo.stribeck_level * np.exp(-((v / servo.stribeck_velocity) ** 2))
+    dry = np.maximum(dry, 0.0) + viscous * np.abs(v)
     locked = np.full_like(v, np.nan)
-    drive = (own + m * load) / (1 - m) if m < 1 else locked
-    braked = (own + m * load) / (1 + m)  # the motor brakes the load
-    pushed = (own - m * load) / (1 - m) if m < 1 else locked  # friction alone holds the load, and the motor pushes
+    drive = (dry + m * load) / (1 - m) if m < 1 else locked
+    braked = (dry + m * load) / (1 + m)  # the motor brakes the load
+    pushed = (dry - m * load) / (1 - m) if m < 1 else locked  # friction alone holds the load, and the motor pushes
     return np.asarray(np.where(v > 0, drive, -np.where(braked <= load, braked, pushed)))
 
 

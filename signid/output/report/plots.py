@@ -89,13 +89,13 @@ class Panes(NamedTuple):
 
 def joint_plots(course: Course, before: Fit, after: Fit, chosen: Sequence[int]) -> list[JointPlots]:
     """Plot torque over time, and the residual against velocity, position and load; unfold the first chosen joints."""
-    shown, found = [*dict.fromkeys(chosen)][:MAX_OPEN], []
+    shown, plots_of_joints = [*dict.fromkeys(chosen)][:MAX_OPEN], []
     for j, joint in enumerate(course.joints):
         rms = (float(fit.held_out_rms[j]) for fit in (before, after))
         summary = " → ".join(map(figure, rms)) + f" {course.unit[j]}, R2 {determination(float(after.held_out_r2[j]))}"
         plots = tuple(_plots(course, j)) if np.isfinite(course.torque[:, j]).any() else ()
-        found.append(JointPlots(joint, summary, j in shown, plots))
-    return found
+        plots_of_joints.append(JointPlots(joint, summary, j in shown, plots))
+    return plots_of_joints
 
 
 def _plots(course: Course, j: int) -> Iterator[Plot]:
@@ -114,23 +114,23 @@ def _plots(course: Course, j: int) -> Iterator[Plot]:
     yield _against(course, j, f"load: predicted torque [{unit}]", measured - left[0], unit)
 
 
-def torque_plot(joint: str, rows: Course | ValidatedModel, unit: str, lines: Sequence[Line], most: int) -> Plot:
+def torque_plot(joint: str, rows: Course | ValidatedModel, unit: str, lines: Sequence[Line], max_points: int) -> Plot:
     """Plot low-passed torque over the time of some rows, with residuals below; few rows are joined by a spline."""
-    if len(rows.t) <= min(MAX_CURVED_ROWS, most):
+    if len(rows.t) <= min(MAX_CURVED_ROWS, max_points):
         lines = [line._replace(style={**line.style, "shape": "spline"}) for line in lines]
     first = np.flatnonzero(np.diff(rows.stretch, prepend=rows.stretch[:1] - 1))
-    t, lines = _thinned(clock(rows.t, rows.recording), lines, first, most)
+    t, lines = _thinned(clock(rows.t, rows.recording), lines, first, max_points)
     panes = Panes("torque", "residual", (unit, unit))
     return panes.plot(f"{joint}: torque over time, and measured - predicted", t, lines)
 
 
-def _thinned(t: Array, lines: Sequence[Line], first: Indices, most: int) -> tuple[Array, list[Line]]:
-    t, values = thinned(t, np.column_stack([line.values for line in lines]), first, most)
+def _thinned(t: Array, lines: Sequence[Line], first: Indices, max_points: int) -> tuple[Array, list[Line]]:
+    t, values = thinned(t, np.column_stack([line.values for line in lines]), first, max_points)
     return t, [line._replace(values=y) for line, y in zip(lines, values.T, strict=True)]
 
 
-def recorded_lines(recording: Recording, most: int) -> tuple[Array, Array]:
-    """Time (M,) [s] and position, torque and command (M, 3 n) [rad or m, N.m or N] of at most about `most` rows.
+def recorded_lines(recording: Recording, max_points: int) -> tuple[Array, Array]:
+    """Time (M,) [s] and position, torque and command (M, 3 n) [rad or m, N.m or N] of at most about `max_points` rows.
 
     Rows keep the extremes of their stretches; NaN where nothing is recorded. The recording is read in chunks.
     """
@@ -139,8 +139,8 @@ def recorded_lines(recording: Recording, most: int) -> tuple[Array, Array]:
         samples = recording.read(start, start + CHUNK, servo=False)
         command = np.full_like(samples.q, np.nan) if samples.q_des is None else samples.q_des
         lines = np.column_stack([samples.q, samples.tau, command])
-        parts.append(thinned(samples.t, lines, np.zeros(1, dtype=np.intp), max(2, most * len(lines) // rows)))
-    t, lines = (np.concatenate(each) for each in zip(*parts, strict=True))
+        parts.append(thinned(samples.t, lines, np.zeros(1, dtype=np.intp), max(2, max_points * len(lines) // rows)))
+    t, lines = (np.concatenate(pieces) for pieces in zip(*parts, strict=True))
     return t, lines
 
 
@@ -195,7 +195,7 @@ def rollout_plots(rolled: Sequence[tuple[str, RollOut, str, str]]) -> list[Plot]
 
     Each model has a name, a roll-out, a colour and a dash; a plot shows the models that have its joint.
     """
-    found: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    drawn: dict[tuple[str, str], list[dict[str, Any]]] = {}
     for name, rollout, colour, dash in rolled:
         step = -(-len(rollout.t) // ROLLOUT_POINTS)
         kept = np.arange(len(rollout.t) - 1, -1, -step)[::-1]
@@ -204,28 +204,28 @@ def rollout_plots(rolled: Sequence[tuple[str, RollOut, str, str]]) -> list[Plot]
             hover = plot_markup("$name: %{y:.3g} $unit after %{x:.3g} s<extra></extra>", name=name, unit=key[1])
             line = {"color": colour, "width": 2, "dash": dash}
             y = packed(np.where(np.isfinite(error), error, np.nan))
-            found.setdefault(key, []).append(curve(name, packed(rollout.t[kept]), y, line, hovertemplate=hover))
+            drawn.setdefault(key, []).append(curve(name, packed(rollout.t[kept]), y, line, hovertemplate=hover))
     x = axis("time since the start [s]", rangemode="tozero", nticks=6)
-    y_axes = {unit: axis(f"rms error [{unit}]", rangemode="tozero", nticks=6) for _, unit in found}
-    return [Plot(joint, data, {"xaxis": x, "yaxis": y_axes[unit]}, 210) for (joint, unit), data in found.items()]
+    y_axes = {unit: axis(f"rms error [{unit}]", rangemode="tozero", nticks=6) for _, unit in drawn}
+    return [Plot(joint, data, {"xaxis": x, "yaxis": y_axes[unit]}, 210) for (joint, unit), data in drawn.items()]
 
 
-def worst_joints(found: ServoRollOut) -> list[int]:
+def worst_joints(rollout: ServoRollOut) -> list[int]:
     """Joints with commands in descending order of the error of whole recordings."""
-    order = np.argsort(-np.nan_to_num(found.whole_rms, nan=-1.0, posinf=1e300), kind="stable")
-    return [int(j) for j in order if not np.isnan(found.whole_rms[j])]
+    order = np.argsort(-np.nan_to_num(rollout.whole_rms, nan=-1.0, posinf=1e300), kind="stable")
+    return [int(j) for j in order if not np.isnan(rollout.whole_rms[j])]
 
 
-def closed_loop_plots(traces: Sequence[ServoTrace], found: ServoRollOut) -> Iterator[JointPlots]:
+def closed_loop_plots(traces: Sequence[ServoTrace], rollout: ServoRollOut) -> Iterator[JointPlots]:
     """Positions over time per joint: whole recordings and windows of 1 s; the worst joints are unfolded."""
-    order = worst_joints(found)
+    order = worst_joints(rollout)
     drawn = traces[:MAX_TRACES]
     lines = 6 * max(1, len(drawn)) * 2
     most = line_points(lines * max(1, len(order)), 6)
     for j in order:
-        joint, unit = found.joints[j], found.units[j]
+        joint, unit = rollout.joints[j], rollout.units[j]
         plots = [plot for trace in drawn if joint in trace.joints for plot in _loop_plots(trace, joint, unit, most)]
-        sizes = (found.nominal_whole_rms[j], found.whole_rms[j])
+        sizes = (rollout.nominal_whole_rms[j], rollout.whole_rms[j])
         summary = " → ".join(thousandths(float(rms)) for rms in sizes)
         yield JointPlots(joint, f"{summary} m{unit} rms, whole recordings", j in order[:MAX_OPEN], tuple(plots))
 
@@ -245,7 +245,7 @@ def loop_blocks(
     return (Key(marks), Folds(note, joints)) if joints else ()
 
 
-def _loop_plots(trace: ServoTrace, joint: str, unit: str, most: int) -> Iterator[Plot]:
+def _loop_plots(trace: ServoTrace, joint: str, unit: str, max_points: int) -> Iterator[Plot]:
     j = trace.joints.index(joint)
     measured, nominal = trace.measured[:, j], trace.nominal[:, j]
     first = [
@@ -257,10 +257,10 @@ def _loop_plots(trace: ServoTrace, joint: str, unit: str, most: int) -> Iterator
         before.append(Line("before", "y", ORANGE, {"width": 1.3, "dash": "dot"}, nominal))
     title = f"{joint}, {trace.path.rpartition('/')[2] or 'recording'}"
     whole = [*first, *before, *_simulated(measured, trace.simulated[:, j])]
-    yield _positions(f"{title}: whole recording from commands alone", trace.t, unit, whole, most)
+    yield _positions(f"{title}: whole recording from commands alone", trace.t, unit, whole, max_points)
     if trace.one_second is not None:
         short = [*first, *_simulated(measured, trace.one_second[:, j])]
-        yield _positions(f"{title}: restarted from the measured state every second", trace.t, unit, short, most)
+        yield _positions(f"{title}: restarted from the measured state every second", trace.t, unit, short, max_points)
 
 
 def _simulated(measured: Array, simulated: Array) -> list[Line]:
@@ -270,12 +270,12 @@ def _simulated(measured: Array, simulated: Array) -> list[Line]:
     ]
 
 
-def _positions(title: str, t: Array, unit: str, lines: Sequence[Line], most: int) -> Plot:
+def _positions(title: str, t: Array, unit: str, lines: Sequence[Line], max_points: int) -> Plot:
     """Plot positions over the time of the recording, with errors below."""
     origin = float(np.floor(t[0])) if len(t) and t[0] > MAX_SHOWN_STAMP else 0.0
     clock = f"time after {origin:.0f} s [s]" if origin else "time of the recording [s]"
     lines = [line._replace(values=np.where(np.isfinite(line.values), line.values, np.nan)) for line in lines]
-    t, lines = _thinned(t - origin, lines, np.zeros(1, dtype=np.intp), most)
+    t, lines = _thinned(t - origin, lines, np.zeros(1, dtype=np.intp), max_points)
     errors = {line.name: float(np.nanmax(np.abs(line.values), initial=0.0)) for line in lines}
     span = DRAWN_ERROR_RATIO * errors["measured - identified"]
     cut = {"range": [-span, span]} if 0 < span < errors.get("measured - before", 0.0) else {}
@@ -363,13 +363,13 @@ def hottest(course: Course, over: Array) -> float:
 def _variables(course: Course) -> Iterator[Variable]:
     length = ["m" if prismatic else "rad" for prismatic in course.prismatic]
     speed, load = np.abs(course.v).max(axis=0), course.torque - course.before
-    most, share = np.nanmax(np.abs(load), axis=0, initial=0.0), np.linspace(-1, 1, REGIONS + 1)
+    largest, share = np.nanmax(np.abs(load), axis=0, initial=0.0), np.linspace(-1, 1, REGIONS + 1)
     speeds = tuple(f"{x}/s" for x in length)
     yield Variable("velocity", "velocity [% of max]", course.v, np.outer(speed, share), speeds)
     low, high = course.q.min(axis=0), course.q.max(axis=0)
     edges = np.linspace(low, high, REGIONS + 1).T
     yield Variable("position", "q [% of range]", course.q, edges, tuple(length))
-    yield Variable("load", "load [% of max]", load, np.outer(most, share), course.unit)
+    yield Variable("load", "load [% of max]", load, np.outer(largest, share), course.unit)
     t, n = clock(course.t, course.recording), len(course.joints)
     edges = np.tile(np.linspace(t[0], t[-1], REGIONS + 1), (n, 1))
     yield Variable("time", "time [s]", np.tile(t[:, None], (1, n)), edges, ("s",) * n)
@@ -400,9 +400,9 @@ def short_names(names: Sequence[str], most: int = MAX_LABEL_LENGTH) -> list[str]
         return list(names)
     words = [name.split("_") for name in names]
     end = 0
-    while len(names) > 1 and all(len(some) > end + 1 and some[-end - 1] == words[0][-end - 1] for some in words):
+    while len(names) > 1 and all(len(parts) > end + 1 and parts[-end - 1] == words[0][-end - 1] for parts in words):
         end += 1
-    short = ["_".join(some[: len(some) - end]) for some in words]
+    short = ["_".join(parts[: len(parts) - end]) for parts in words]
     half = (most - 1) // 2
     short = [name if len(name) <= most else f"{name[:half]}…{name[-half:]}" for name in short]
     return short if len(set(short)) == len(short) else [f"{k + 1} {name[: most - 4]}" for k, name in enumerate(short)]
@@ -410,13 +410,13 @@ def short_names(names: Sequence[str], most: int = MAX_LABEL_LENGTH) -> list[str]
 
 def correlation_plot(covariance: Array) -> Plot:
     """Plot the correlations of base parameters, numbered from 1; covariance: (b, b) [units of base]."""
-    found = _correlations(covariance)[:MAX_DRAWN_PARAMETERS, :MAX_DRAWN_PARAMETERS]
-    number = list(range(1, len(found) + 1))
+    correlations = _correlations(covariance)[:MAX_DRAWN_PARAMETERS, :MAX_DRAWN_PARAMETERS]
+    number = list(range(1, len(correlations) + 1))
     data = {
         "type": "heatmap",
         "x": number,
         "y": number,
-        "z": packed(found),
+        "z": packed(correlations),
         "zmin": -1,
         "zmax": 1,
         "colorscale": CORRELATION_COLOURS,
@@ -438,15 +438,15 @@ def _correlations(covariance: Array) -> Array:
 
 def tied(covariance: Array) -> list[tuple[int, int, float]]:
     """List pairs of parameters with strongly correlated errors, the strongest first; covariance: (b, b) [any unit]."""
-    found = np.triu(np.nan_to_num(_correlations(covariance)), 1)
-    rows, columns = np.nonzero(np.abs(found) >= MIN_TIED_CORRELATION)
-    pairs = [(int(i), int(k), float(found[i, k])) for i, k in zip(rows, columns, strict=True)]
+    correlations = np.triu(np.nan_to_num(_correlations(covariance)), 1)
+    rows, columns = np.nonzero(np.abs(correlations) >= MIN_TIED_CORRELATION)
+    pairs = [(int(i), int(k), float(correlations[i, k])) for i, k in zip(rows, columns, strict=True)]
     return sorted(pairs, key=lambda pair: -abs(pair[2]))
 
 
-def excitation_plot(found: ExcitationVerdict) -> Plot:
+def excitation_plot(excitation: ExcitationVerdict) -> Plot:
     """Plot the share of information per direction, ascending, and the required share."""
-    shares = np.maximum(found.shares, 1e-6)
+    shares = np.maximum(excitation.shares, 1e-6)
     number = np.arange(1.0, len(shares) + 1)
     bars = {
         "type": "bar",

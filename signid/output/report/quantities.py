@@ -131,8 +131,8 @@ def law_numbers(
     """Parameters of a law with standard deviations and stated values, from which all outputs follow."""
     units, (joint, values) = law_units(robot, law), law_place(law, robot)
     partner, known = values.pop("partner", None), stated or {}
-    own = joint, law.effect.name, None if partner is None else str(partner)
-    return [Quantity(key, float(x), std.get(key), units[key], *own, known.get(key)) for key, x in values.items()]
+    place = joint, law.effect.name, None if partner is None else str(partner)
+    return [Quantity(key, float(x), std.get(key), units[key], *place, known.get(key)) for key, x in values.items()]
 
 
 def effect_document(effect: str, joint: str | None, numbers: Sequence[Quantity]) -> Document:

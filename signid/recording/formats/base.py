@@ -280,9 +280,9 @@ def free_memory() -> float:
         import resource
     except ImportError:  # Windows
         return min(limits)
-    most = resource.getrlimit(resource.RLIMIT_AS)[0]
-    if most != resource.RLIM_INFINITY and _OWN.is_file():
-        limits.append(max(0.0, most - _used()))
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if limit != resource.RLIM_INFINITY and _OWN.is_file():
+        limits.append(max(0.0, limit - _used()))
     return min(limits)
 
 

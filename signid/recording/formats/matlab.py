@@ -82,7 +82,7 @@ def _readable(content: bytes) -> tuple[bytes, list[str]]:
         MemoryError: more data than memory holds.
     """
     order = {b"IM": "<", b"MI": ">"}[content[HEADER - 2 : HEADER]]
-    most = min(MAX_UNPACKED, free_memory() / TIMES)
+    limit = min(MAX_UNPACKED, free_memory() / TIMES)
     kept, names, objects, place, size = [content[:HEADER]], list[bytes](), list[str](), HEADER, 0
     while place + 8 <= len(content):
         outer = _element(content, place, order)
@@ -90,11 +90,11 @@ def _readable(content: bytes) -> tuple[bytes, list[str]]:
         whole = content[outer.start - 8 : outer.stop]
         if outer.kind == COMPRESSED:
             packed = zlib.decompressobj()
-            whole = packed.decompress(content[outer.start : outer.stop], int(most - size) + 1)
-            if not packed.eof and size + len(whole) <= most:
+            whole = packed.decompress(content[outer.start : outer.stop], int(limit - size) + 1)
+            if not packed.eof and size + len(whole) <= limit:
                 raise ValueError("cut short")
         size += len(whole)
-        if size > most:
+        if size > limit:
             raise MemoryError
         inner = _element(whole, 0, order)
         if inner.kind != MATRIX or inner.stop > len(whole):

@@ -215,16 +215,16 @@ def repair_stamps(stamps: Array, q: Array) -> RepairedStamps | None:
     return RepairedStamps(spaced[0], None, how)
 
 
-def _spaced(stamps: Array, gap: float, most: float) -> tuple[Array, float] | None:
+def _spaced(stamps: Array, gap: float, max_step: float) -> tuple[Array, float] | None:
     """Times (N,) [s] of rows that are evenly spaced between gaps, and their period [s]; None if they are not.
 
-    stamps: (N,) [s] that do not decrease; `most` [s]: largest error of one.
+    stamps: (N,) [s] that do not decrease; `max_step` [s]: largest error of one.
     """
     parts = np.split(stamps - stamps[0], np.flatnonzero(np.diff(stamps) > gap) + 1)
     ticks = [np.arange(len(part), dtype=float) for part in parts]
     period = _common_period(parts, ticks) if len(parts) < len(stamps) / MIN_CLOCK_ROWS else 0.0
     fits = [fit for x, k in zip(parts, ticks, strict=True) if period > 0 and (fit := _smooth(x, k, period)) is not None]
-    if len(fits) < len(parts) or max(np.abs(x - y).max() for x, y in zip(parts, fits, strict=True)) > most:
+    if len(fits) < len(parts) or max(np.abs(x - y).max() for x, y in zip(parts, fits, strict=True)) > max_step:
         return None
     times = stamps[0] + np.concatenate(fits)
     return (times, period) if np.all(np.diff(times) > 0) else None

@@ -90,19 +90,19 @@ def find_knots(x: Array) -> list[Knots | None]:
     Source: Gallagher, Detection of linear and cubic interpolation in JPEG compressed images, CRV 2005 (periodic
     variance of differences); de Boor, A Practical Guide to Splines, 1978, chapter XIV (least-squares splines).
     """
-    found: list[Knots | None] = [None] * x.shape[1]
+    columns: list[Knots | None] = [None] * x.shape[1]
     moving = np.flatnonzero(np.ptp(x, axis=0) > 0).tolist()
     if len(x) < BLOCK or not moving:
-        return found
+        return columns
     held = list(_steps(_lines(x[:, moving], 1)))
     for j in moving:
-        found[j] = _held(x[:, j], held)
-    left = [j for j in moving if found[j] is None]
+        columns[j] = _held(x[:, j], held)
+    left = [j for j in moving if columns[j] is None]
     steps = list(_steps([line for order in ORDERS[1:] for line in _lines(x[:, left], order)])) if left else []
     if steps:
         for j, knots in zip(left, _splines(x[:, left], steps), strict=True):
-            found[j] = None if knots and _is_harmonic(x[:, j], knots) else knots
-    return found
+            columns[j] = None if knots and _is_harmonic(x[:, j], knots) else knots
+    return columns
 
 
 def _is_harmonic(x: Array, knots: Knots) -> bool:
@@ -228,15 +228,15 @@ def _splines(x: Array, steps: Sequence[float]) -> list[Knots | None]:
                 failed = trials and trials[-1].knots.kind == kind and trials[-1].share.min() > FIT_EXCESS * FIT
                 if not (failed and BLOCK * abs(step - trials[-1].knots.step) < STEP_DRIFT * step**2):
                     trials.append(_trial(y, kind, step, first))
-    found: list[Knots | None] = []
+    columns: list[Knots | None] = []
     dense = {trial.knots: SPACES[trial.knots.kind][1] / trial.knots.step for trial in trials}  # free numbers [1/rows]
     for j, size in enumerate(np.ptp(y, axis=0)):
         coarse = MIN_KNOT_QUANTA * _quantum(y[:, j])
         good = [trial for trial in trials if trial.share[j] < FIT and trial.rest[j] > coarse * trial.share[j]]
         least = RMS_RATIO * min((trial.rest[j] for trial in good), default=0.0) + ROUNDING * size
         fit = [trial for trial in good if trial.rest[j] <= least or trial.share[j] < NOTHING]
-        found.append(min(fit, key=lambda trial: (dense[trial.knots], trial.rest[j])).knots if fit else None)
-    return found
+        columns.append(min(fit, key=lambda trial: (dense[trial.knots], trial.rest[j])).knots if fit else None)
+    return columns
 
 
 def _quantum(x: Array) -> float:

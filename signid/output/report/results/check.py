@@ -80,7 +80,7 @@ def check_summary(found: Check) -> CheckSummary:
     named = {f.sentence: FaultWords(f.kind, f.joints, f.sentence) for f in found.faults.findings}
     flags = dict.fromkeys((*found.suspects, *found.faults.flags, *found.flags))  # the most severe first
     faults = tuple(named.get(flag, FaultWords("", (), flag)) for flag in flags if flag not in _of_a_fit(found))
-    given = f"{plural(len(found.recordings), 'recording')} of {plural(len(robot.joints), 'joint')}"
+    files = f"{plural(len(found.recordings), 'recording')} of {plural(len(robot.joints), 'joint')}"
     verdict, headline = _headline(found, faults, which)
     sampled = tuple(dict.fromkeys(note for sampling in found.samplings for note in sampling.notes))
     units = unit_notes([note for recording in found.recordings for note in recording.notes])
@@ -98,7 +98,7 @@ def check_summary(found: Check) -> CheckSummary:
             clock = f"{s.clock.kind}, jitter {figure(1e3 * s.clock.jitter, 2)} ms{lost}"
         rows.append((name, str(len(recording)), used, figure(s.duration), *rates, clock, str(len(s.spans) - 1)))
     return CheckSummary(
-        title=f"{robot.name}: {given}",
+        title=f"{robot.name}: {files}",
         verdict=verdict,
         headline=headline,
         sampling=Cells(SAMPLING_HEADS, tuple(rows)),
@@ -118,30 +118,30 @@ def check_summary(found: Check) -> CheckSummary:
     )
 
 
-def check_document(found: Check, inputs: Sequence[Input] = (), seed: int = 0) -> Document:
+def check_document(checked: Check, inputs: Sequence[Input] = (), seed: int = 0) -> Document:
     """Build check.json of recordings with torque; `inputs` defaults to the robot description."""
-    robot, band, faults = found.robot, found.band, found.faults
+    robot, band, faults = checked.robot, checked.band, checked.faults
     fault_names = ("explained", "factor", "lag", "sign", "order")
     measures = (map(float, column) for column in (faults.explained, faults.factor, faults.lag))
     fault_rows = zip(faults.joints, *measures, faults.signs, faults.order, strict=True)
-    sizes = (band.per_joint, found.used, band.torque_floor, *motion_sizes(found), faults.weight)
+    sizes = (band.per_joint, checked.used, band.torque_floor, *motion_sizes(checked), faults.weight)
     names = ("cutoff", "used", "noise_floor", "range", "speed", "torque_rms", "weight")
     joints = zip(robot.joints, *(map(float, size) for size in sizes), strict=True)
-    verdicts = zip(base_documents(found.base), found.std, found.verdicts, strict=True)
+    verdicts = zip(base_documents(checked.base), checked.std, checked.verdicts, strict=True)
     return {
         "schema": "signid.check/1",
         "robot": robot.name,
-        **summary_document(check_summary(found)),
+        **summary_document(check_summary(checked)),
         "joints": [dict(zip(("name", *names), joint, strict=True)) for joint in joints],
         "recordings": [
             {**recorded(recording, s), "rate": 1 / s.step, "duration": s.duration, "samples": s.rows}
             | {**picked(s, "spans duplicates uniform"), "spacing": list(s.jitter)}
             | {"rows": len(recording), "breaks": len(s.spans) - 1}
-            for recording, s in zip(found.recordings, found.samplings, strict=True)
+            for recording, s in zip(checked.recordings, checked.samplings, strict=True)
         ],
         "cutoff": {"torque": band.cutoff, "position": band.position_cutoff, "unit": "Hz"},
         "base_parameters": [{**base, "std": float(std), "verdict": verdict} for base, std, verdict in verdicts],
-        "excitation": excitation_verdict(found.excitation),
+        "excitation": excitation_verdict(checked.excitation),
         "recording_faults": {
             "joints": [dict(zip(("name", *fault_names), joint, strict=True)) for joint in fault_rows],
             "findings": [
@@ -152,99 +152,99 @@ def check_document(found: Check, inputs: Sequence[Input] = (), seed: int = 0) ->
                 for finding in faults.findings
             ],
         },
-        "advice": list(found.advice),
-        **ending(found, recording_files(found.recordings), inputs or [description(robot)], seed),
+        "advice": list(checked.advice),
+        **ending(checked, recording_files(checked.recordings), inputs or [description(robot)], seed),
     }
 
 
-def check_tables(found: Check) -> list[RenderableType]:
+def check_tables(checked: Check) -> list[RenderableType]:
     """Sampling, units, gravity, faults, joints and what is identifiable, on one screen."""
-    return summary_tables(check_summary(found))
+    return summary_tables(check_summary(checked))
 
 
-def check_page(found: Check, inputs: Sequence[Input] = (), command: str = "", seed: int = 0) -> str:
+def check_page(checked: Check, inputs: Sequence[Input] = (), command: str = "", seed: int = 0) -> str:
     """Render report.html of a check; `inputs` besides the recordings default to the description."""
-    robot, band = found.robot, found.band
-    base = zip(found.base.expressions, found.std, found.base.units, found.verdicts, strict=True)
-    used = [used_times(recording, s.spans) for recording, s in zip(found.recordings, found.samplings, strict=True)]
-    half = {"half the content rate": min(s.content_rate for s in found.samplings) / 2}
+    robot, band = checked.robot, checked.band
+    base = zip(checked.base.expressions, checked.std, checked.base.units, checked.verdicts, strict=True)
+    used = [used_times(recording, s.spans) for recording, s in zip(checked.recordings, checked.samplings, strict=True)]
+    half = {"half the content rate": min(s.content_rate for s in checked.samplings) / 2}
     limits = band.per_joint.tolist()
     marks = [{"cut-off": band.cutoff, "highest for its noise": limit, **half} for limit in limits]
     units = list(zip(position_units(robot), torque_units(robot), strict=True))
     return summary_page(
-        check_summary(found),
-        list(recorded_plots(found.recordings, used, robot.joints, units, marks, check_summary(found))),
+        check_summary(checked),
+        list(recorded_plots(checked.recordings, used, robot.joints, units, marks, check_summary(checked))),
         Cells(
             ["base parameter", "± 95 %>", "unit", "verdict"],
             [(name, figure(TWO_SIDED * std, 2), unit, verdict) for name, std, unit, verdict in base],
         ),
-        once([*recording_files(found.recordings), *(inputs or [description(robot)])]),
+        once([*recording_files(checked.recordings), *(inputs or [description(robot)])]),
         command=command,
         seed=seed,
     )
 
 
-def _headline(found: Check, faults: Sequence[FaultWords], which: Identifiable) -> tuple[str, str]:
+def _headline(checked: Check, faults: Sequence[FaultWords], which: Identifiable) -> tuple[str, str]:
     """Verdict, and a sentence on it with the worst fault or lack."""
-    if refusal := found.faults.refusal:
+    if refusal := checked.faults.refusal:
         more = sum(fault.sentence != refusal for fault in faults)
         return UNUSABLE, f"Not usable for identification: {first_part(refusal)}{_more(more)}"
     if faults:
         return FAULTY, f"Usable once this is corrected: {faults[0].worst}{_more(len(faults) - 1)}"
     left = f"{len(which.identifiable)} of {plural(which.total, which.noun)} identifiable"
     left += f", {len(which.unidentifiable)} not" if which.unidentifiable else ""
-    if not found.excitation.sufficient:
-        weakest = f"{max(float(found.excitation.shares[0]), 0.0):.2%} of the information of a random motion"
+    if not checked.excitation.sufficient:
+        weakest = f"{max(float(checked.excitation.shares[0]), 0.0):.2%} of the information of a random motion"
         return LIMITED, f"Too little excitation: the weakest direction has {weakest} ({share(MIN_INFO)} needed); {left}"
     if len(which.identifiable) < MIN_IDENTIFIABLE_SHARE * which.total:
-        some = f"only {len(which.identifiable)} of {plural(which.total, which.noun)} identifiable"
+        part = f"only {len(which.identifiable)} of {plural(which.total, which.noun)} identifiable"
         others = f"{len(which.weak)} weakly, {len(which.unidentifiable)} not within the uncertainty of the torque"
-        return LIMITED, f"Limited: {some}, {others}"
-    return GOOD, f"Good for identification: no fault found, {left}{''.join(f'; {x}' for x in found.advice[:1])}"
+        return LIMITED, f"Limited: {part}, {others}"
+    return GOOD, f"Good for identification: no fault found, {left}{''.join(f'; {x}' for x in checked.advice[:1])}"
 
 
 def _more(faults: int) -> str:
     return f"; {plural(faults, 'more fault')} below" if faults > 0 else ""
 
 
-def _of_a_fit(found: Check) -> tuple[str, ...]:
+def _of_a_fit(checked: Check) -> tuple[str, ...]:
     """Flags that are no faults of the log, but lacks of its motion."""
-    return (*found.excitation.sentences, *(f.sentence for f in found.faults.findings if f.kind in OF_A_FIT))
+    return (*checked.excitation.sentences, *(f.sentence for f in checked.faults.findings if f.kind in OF_A_FIT))
 
 
-def gravity_use(found: Check) -> GravityUse:
+def gravity_use(checked: Check) -> GravityUse:
     """Compare the stated gravity with the weight in the torque."""
     from ....robot.joints import gravity_text, root_link
 
-    if other := next((fault for fault in found.faults.findings if fault.kind == "gravity"), None):
+    if other := next((fault for fault in checked.faults.findings if fault.kind == "gravity"), None):
         return GravityUse("differs", first_part(other.sentence))
-    stated = np.asarray(found.robot.model.gravity.linear)
-    text = f"{gravity_text(stated)} m/s2 in the frame of {root_link(found.robot)}"
-    if not found.faults.compared:
+    stated = np.asarray(checked.robot.model.gravity.linear)
+    text = f"{gravity_text(stated)} m/s2 in the frame of {root_link(checked.robot)}"
+    if not checked.faults.compared:
         return GravityUse("not judged", f"stated {text}; not judged: no signed torque could be compared with it")
     if not stated.any():
         return GravityUse("agrees", "stated as zero, and no direction explains the torque better")
-    weight = found.faults.weight
+    weight = checked.faults.weight
     known = np.flatnonzero(np.isfinite(weight))
     if not len(known):
         return GravityUse("not judged", f"stated {text}; not judged: the weight hardly shows in any torque")
     low, high = (float(x) for x in (weight[known].min(), weight[known].max()))
     carried = " to ".join(dict.fromkeys(f"{100 * x:.0f}" for x in (low, high))) + " %"
-    where = joint_words([found.faults.joints[j] for j in known], len(found.faults.joints))
+    where = joint_words([checked.faults.joints[j] for j in known], len(checked.faults.joints))
     if WHOLE[0] <= low and high <= WHOLE[1]:
         return GravityUse("agrees", f"agrees with {text}: {carried} of the stated weight shows in {where}")
     return GravityUse("uncertain", f"stated {text}; the torque of {where} carries {carried} of this weight")
 
 
-def _joint_table(found: Check) -> Cells:
-    robot, band, faults = found.robot, found.band, found.faults
+def _joint_table(checked: Check) -> Cells:
+    robot, band, faults = checked.robot, checked.band, checked.faults
     length, torque = (" or ".join(dict.fromkeys(unit(robot))) for unit in (position_units, torque_units))
     heads = (
         *("joint", f"range\n[{length}]>", f"speed\n[{length}/s]>", f"torque\n[{torque}]>", f"noise\n[{torque}]>"),
         *("cut-off\n[Hz]>", "rows\nused>", "explained>", "factor>", "sign"),
     )
-    ranges, speed, rms = motion_sizes(found)
-    columns = (robot.joints, ranges, speed, rms, band.torque_floor, band.per_joint, found.used)
+    ranges, speed, rms = motion_sizes(checked)
+    columns = (robot.joints, ranges, speed, rms, band.torque_floor, band.per_joint, checked.used)
     verdicts = (faults.explained, faults.factor, faults.signs)
     rows = (
         (joint, figure(x), figure(v, 2), figure(t), figure(noise, 2), figure(f), share(used), share(r), figure(k, 2), s)
@@ -253,73 +253,73 @@ def _joint_table(found: Check) -> Cells:
     return Cells(heads, tuple(rows))
 
 
-def motion_sizes(found: Check) -> tuple[Array, Array, Array]:
+def motion_sizes(checked: Check) -> tuple[Array, Array, Array]:
     """Range of the positions, rms velocity and rms torque of each joint over all recordings, (n,) each [SI units]."""
-    rows = np.array([s.rows for s in found.samplings], dtype=float)
-    lower, upper = (np.array([getattr(s, key) for s in found.samplings]) for key in ("lower", "upper"))
+    rows = np.array([s.rows for s in checked.samplings], dtype=float)
+    lower, upper = (np.array([getattr(s, key) for s in checked.samplings]) for key in ("lower", "upper"))
 
     def mean(key: str) -> Array:
-        values = np.array([getattr(s, key) for s in found.samplings])
+        values = np.array([getattr(s, key) for s in checked.samplings])
         return np.asarray(np.sqrt(np.average(values**2, axis=0, weights=rows)))
 
     return upper.max(axis=0) - lower.min(axis=0), mean("speed"), mean("torque_rms")
 
 
-def audit_summary(found: ServoAudit, robot: str = "") -> CheckSummary:
+def audit_summary(audit: ServoAudit, robot: str = "") -> CheckSummary:
     """Describe the audit of recordings of position drives; `robot`: its name, "" without a description."""
-    given = f"{plural(len(found.recordings), 'recording')} of {plural(len(found.joints), 'servo joint')}"
-    ends = {x.joint: tuple(flag.removeprefix(x.joint) for flag in x.flags) for x in found.joints}
+    files = f"{plural(len(audit.recordings), 'recording')} of {plural(len(audit.joints), 'servo joint')}"
+    ends = {x.joint: tuple(flag.removeprefix(x.joint) for flag in x.flags) for x in audit.joints}
     faults = tuple(
         FaultWords("", tuple(joint for joint, end in ends.items() if flag.endswith(end)), flag)
-        for flag in found.flags
-        if flag not in found.limits
+        for flag in audit.flags
+        if flag not in audit.limits
     )
-    positions = {joint: "rad" for recording in found.recordings for joint in recording.joints}
-    positions |= {joint.joint: joint.unit for joint in found.joints}
-    which = identifiable_of("drive", [x.joint for x in found.joints], map(verdict_of, found.joints))
-    units = unit_notes(found.notes)
-    verdict, headline = _drive_headline(found, faults, which)
-    columns = (found.commanded, found.durations, found.rates, found.content_rates, found.uneven, found.breaks)
-    names, rows = recording_names(found.recordings), []
+    positions = {joint: "rad" for recording in audit.recordings for joint in recording.joints}
+    positions |= {joint.joint: joint.unit for joint in audit.joints}
+    which = identifiable_of("drive", [x.joint for x in audit.joints], map(verdict_of, audit.joints))
+    units = unit_notes(audit.notes)
+    verdict, headline = _drive_headline(audit, faults, which)
+    columns = (audit.commanded, audit.durations, audit.rates, audit.content_rates, audit.uneven, audit.breaks)
+    names, rows = recording_names(audit.recordings), []
     for name, recording, commanded, seconds, rate, content, uneven, breaks in zip(
-        names, found.recordings, *columns, strict=True
+        names, audit.recordings, *columns, strict=True
     ):
         used, clock = share(commanded / max(len(recording), 1)), f"stamps, {share(uneven) if uneven else 'even'}"
         rates = figure(rate, 4), figure(min(content, rate), 4)
         clock += " uneven" if uneven else ""
         rows.append((name, str(len(recording)), used, figure(seconds), *rates, clock, str(breaks)))
     return CheckSummary(
-        title=f"{robot}: {given}" if robot else given,
+        title=f"{robot}: {files}" if robot else files,
         verdict=verdict,
         headline=headline,
         sampling=Cells(SAMPLING_HEADS, tuple(rows)),
         sampled=tuple(
             f"{name}: positions are interpolated or repeated from about {content:.4g} Hz"
             for name, rate, content in zip(
-                recording_names(found.recordings), found.rates, found.content_rates, strict=True
+                recording_names(audit.recordings), audit.rates, audit.content_rates, strict=True
             )
             if content < MIN_CONTENT_SHARE * rate
         ),
-        units=unit_uses(found.recordings, positions),
+        units=unit_uses(audit.recordings, positions),
         unit_notes=units,
         gravity=GravityUse("not judged", "not judged: commands and positions without torque do not show it"),
         faults=faults,
         clear=() if faults else SEARCHED_FAULTS,
-        joints=_drive_table(found),
+        joints=_drive_table(audit),
         legend=DRIVE_LEGEND,
         identifiable=which,
-        advice=tuple(_drive_advice(found, which)),
-        notes=tuple(note for note in found.notes if note not in units and "no torque" not in note),
+        advice=tuple(_drive_advice(audit, which)),
+        notes=tuple(note for note in audit.notes if note not in units and "no torque" not in note),
     )
 
 
-def audit_document(found: ServoAudit, inputs: Sequence[Input] = (), seed: int = 0, robot: str = "") -> Document:
+def audit_document(audit: ServoAudit, inputs: Sequence[Input] = (), seed: int = 0, robot: str = "") -> Document:
     """Build the output of `signid check --json` for servo recordings; `robot`: its name, "" without a description."""
-    columns = (found.rates, found.content_rates, found.durations, found.uneven, found.breaks, found.commanded)
+    columns = (audit.rates, audit.content_rates, audit.durations, audit.uneven, audit.breaks, audit.commanded)
     return {
         "schema": "signid.check/1",
         "robot": robot or None,
-        **summary_document(audit_summary(found, robot)),
+        **summary_document(audit_summary(audit, robot)),
         "recordings": [
             {
                 "path": recording.path,
@@ -333,44 +333,44 @@ def audit_document(found: ServoAudit, inputs: Sequence[Input] = (), seed: int = 
                 "commanded": commanded,
             }
             for recording, rate, content, duration, uneven, breaks, commanded in zip(
-                found.recordings, *columns, strict=True
+                audit.recordings, *columns, strict=True
             )
         ],
         "servo": [
-            {**joint.numbers(), "verdict": verdict_of(joint), "flags": list(joint.flags)} for joint in found.joints
+            {**joint.numbers(), "verdict": verdict_of(joint), "flags": list(joint.flags)} for joint in audit.joints
         ],
-        **ending(found, recording_files(found.recordings), inputs, seed),
+        **ending(audit, recording_files(audit.recordings), inputs, seed),
     }
 
 
-def audit_tables(found: ServoAudit, robot: str = "") -> list[RenderableType]:
+def audit_tables(audit: ServoAudit, robot: str = "") -> list[RenderableType]:
     """Sampling, units, faults, joints and what is identifiable, on one screen; `robot`: its name, or ""."""
-    return summary_tables(audit_summary(found, robot))
+    return summary_tables(audit_summary(audit, robot))
 
 
 def audit_page(
-    found: ServoAudit, inputs: Sequence[Input] = (), command: str = "", seed: int = 0, robot: str = ""
+    audit: ServoAudit, inputs: Sequence[Input] = (), command: str = "", seed: int = 0, robot: str = ""
 ) -> str:
     """Render report.html of an audit of position drives; `robot`: its name, "" without a description."""
-    summary = audit_summary(found, robot)
-    joints, verdicts = [x.joint for x in found.joints], list(map(verdict_of, found.joints))
-    half = {"half the content rate": min(found.content_rates) / 2}
+    summary = audit_summary(audit, robot)
+    joints, verdicts = [x.joint for x in audit.joints], list(map(verdict_of, audit.joints))
+    half = {"half the content rate": min(audit.content_rates) / 2}
     bandwidths = [
-        x.bandwidth if verdict == "identifiable" else np.nan for x, verdict in zip(found.joints, verdicts, strict=True)
+        x.bandwidth if verdict == "identifiable" else np.nan for x, verdict in zip(audit.joints, verdicts, strict=True)
     ]
     marks = [{"71 % of the command": bandwidth, **half} for bandwidth in bandwidths]
-    units = [(x.unit or "no unit", "") for x in found.joints]
+    units = [(x.unit or "no unit", "") for x in audit.joints]
     return summary_page(
         summary,
-        list(recorded_plots(found.recordings, found.stretches, joints, units, marks, summary)),
+        list(recorded_plots(audit.recordings, audit.stretches, joints, units, marks, summary)),
         Cells(["drive", "lag and bandwidth"], list(zip(joints, verdicts, strict=True))),
-        once([*recording_files(found.recordings), *inputs]),
+        once([*recording_files(audit.recordings), *inputs]),
         command=command,
         seed=seed,
     )
 
 
-def _drive_headline(found: ServoAudit, faults: Sequence[FaultWords], which: Identifiable) -> tuple[str, str]:
+def _drive_headline(audit: ServoAudit, faults: Sequence[FaultWords], which: Identifiable) -> tuple[str, str]:
     """Verdict, and a sentence on it with the worst fault or lack."""
     more = _more(len(faults) - 1)
     if not which.total:
@@ -378,11 +378,11 @@ def _drive_headline(found: ServoAudit, faults: Sequence[FaultWords], which: Iden
     if faults:
         return FAULTY, f"Usable once this is corrected: {faults[0].worst}{more}"
     said = f"the lag of {len(which.identifiable)} of {plural(which.total, which.noun)} is identifiable"
-    worst = max(found.joints, key=lambda joint: joint.error / joint.range if joint.range else 0.0)
+    worst = max(audit.joints, key=lambda joint: joint.error / joint.range if joint.range else 0.0)
     size = f"{worst.joint}: {figure(worst.error, 2)} {worst.unit}".rstrip()
     error = f"tracking errors up to {share(worst.error / worst.range) if worst.range else '-'} of the range ({size})"
-    if found.limits:
-        return LIMITED, f"Limited: {first_part(found.limits[0])}; {said}"
+    if audit.limits:
+        return LIMITED, f"Limited: {first_part(audit.limits[0])}; {said}"
     if not which.identifiable:
         return LIMITED, f"Limited: {said}; {error}"
     return GOOD, f"Good for identification of drives: no fault found, {said}; {error}"
@@ -395,10 +395,10 @@ def verdict_of(joint: JointAudit) -> str:
     return "weak" if joint.shift == joint.shift else "unidentifiable"
 
 
-def _drive_advice(found: ServoAudit, which: Identifiable) -> Iterator[str]:
+def _drive_advice(audit: ServoAudit, which: Identifiable) -> Iterator[str]:
     if not which.total:
         return
-    yield from found.limits
+    yield from audit.limits
     if which.weak:
         yield (
             f"lag and dry friction of {joint_words(which.weak, which.total)} are not separated by this motion: add "
@@ -406,20 +406,20 @@ def _drive_advice(found: ServoAudit, which: Identifiable) -> Iterator[str]:
         )
     if which.unidentifiable:
         yield f"{joint_words(which.unidentifiable, which.total)}: no response to a command: record one"
-    still = [joint.joint for joint in found.joints if joint.holds < ENOUGH_HOLDS]
+    still = [joint.joint for joint in audit.joints if joint.holds < ENOUGH_HOLDS]
     if still:
         yield f"no rest shows the droop of {joint_words(still, which.total)}: hold some positions for a second or more"
     yield "signid identify gives kp, damping, delay and friction; their scale needs known masses or a gain (--known)"
 
 
-def _drive_table(found: ServoAudit) -> Cells:
-    unit = " or ".join(dict.fromkeys(joint.unit for joint in found.joints if joint.unit))
+def _drive_table(audit: ServoAudit) -> Cells:
+    unit = " or ".join(dict.fromkeys(joint.unit for joint in audit.joints if joint.unit))
     heads = (
         *("joint", f"range\n[{unit}]>" if unit else "range>", f"speed\n[{unit or '1'}/s]>", "step>", "error>"),
         *("lag\n[ms]>", "71 % at\n[Hz]>", "hysteresis>", "droop>", "scale>", "at\nlimit>"),
     )
     rows = []
-    for joint in found.joints:
+    for joint in audit.joints:
         lag = bandwidth = "-"
         if verdict_of(joint) == "identifiable":
             lag = f"{1e3 * joint.lag:.0f} ± {1e3 * TWO_SIDED * joint.lag_std:.0f}"

@@ -25,16 +25,16 @@ REPORT_FILE = "report.html"
 
 def fleet_headline(document: Mapping[str, Any], reused: int = 0) -> str:
     """Name the robots that changed or are outliers, with one number each; without any, count the fleet."""
-    found: dict[str, str] = {}
+    sentences: dict[str, str] = {}
     outliers = findings(document, "outliers")
     apart = {(outlier["name"], outlier["number"]): f" ({_others(outlier)})" for outlier in outliers}
     for change in findings(document, "changes"):
         words = change_sentence(change, headline=True)
-        found.setdefault(change["name"], words + apart.get((change["name"], change["number"]), ""))
+        sentences.setdefault(change["name"], words + apart.get((change["name"], change["number"]), ""))
     for outlier in outliers:
-        found.setdefault(outlier["name"], outlier_sentence(outlier, headline=True))
-    beyond = [f"and {plural(len(found) - MAX_TITLED, 'more robot')}"] if len(found) > MAX_TITLED else []
-    return "; ".join([*list(found.values())[:MAX_TITLED], *beyond]) or fleet_sentence(document, reused)
+        sentences.setdefault(outlier["name"], outlier_sentence(outlier, headline=True))
+    beyond = [f"and {plural(len(sentences) - MAX_TITLED, 'more robot')}"] if len(sentences) > MAX_TITLED else []
+    return "; ".join([*list(sentences.values())[:MAX_TITLED], *beyond]) or fleet_sentence(document, reused)
 
 
 def fleet_sentence(document: Mapping[str, Any], reused: int = 0) -> str:

@@ -78,8 +78,8 @@ def identified_numbers(result: Identification) -> list[list[Quantity]]:
     for k, label in enumerate(result.base.labels):
         if label.law is not None:
             places[label.law].append(k)
-    found = [(x, _deviations(result, x, [singles.get(k) for k in places[i]])) for i, x in enumerate(result.model.laws)]
-    numbers = [law_numbers(result.robot, *pair) for pair in found]
+    laws = [(x, _deviations(result, x, [singles.get(k) for k in places[i]])) for i, x in enumerate(result.model.laws)]
+    numbers = [law_numbers(result.robot, *pair) for pair in laws]
     for law, std in result.currents:  # in the current of a joint without a torque constant
         known = dict(zip(law.effect.linear(), std, strict=True))
         in_amperes = {"kg.m2": "A.s2/rad"}
@@ -221,15 +221,15 @@ def fit_rows(fit: Fit, *before: Array) -> Iterator[tuple[str, ...]]:
         yield joint, *map(figure, sizes), figure(floor, 2), unit, determination(r2)
 
 
-def excited_words(found: ExcitationVerdict) -> str:
+def excited_words(excitation: ExcitationVerdict) -> str:
     """The verdict on the excitation in one or two sentences."""
-    least = share(max(float(found.shares[0]), 0.0)) if len(found.shares) else "0 %"
+    least = share(max(float(excitation.shares[0]), 0.0)) if len(excitation.shares) else "0 %"
     reached = f"the weakest direction has {least} of the information of a random motion of the same size"
-    verdict = "sufficient" if found.sufficient else "insufficient"
+    verdict = "sufficient" if excitation.sufficient else "insufficient"
     sentence = f"Excitation {verdict}: {reached} ({share(MIN_INFO)} needed)."
-    if found.small:
-        be = "is" if len(found.small) == 1 else "are"
-        sentence += f" {plural(len(found.small), 'base parameter')} {be} too small to affect this torque."
+    if excitation.small:
+        be = "is" if len(excitation.small) == 1 else "are"
+        sentence += f" {plural(len(excitation.small), 'base parameter')} {be} too small to affect this torque."
     return sentence
 
 
@@ -328,26 +328,26 @@ def _links(result: Identification) -> list[tuple[str, ...]]:
     return rows
 
 
-def inspection_document(found: Inspection, inputs: Sequence[Input] = (), seed: int = 0) -> Document:
+def inspection_document(inspection: Inspection, inputs: Sequence[Input] = (), seed: int = 0) -> Document:
     """Build the output of `signid inspect --json`; `inputs` defaults to the robot description."""
-    robot = found.robot
+    robot = inspection.robot
     return {
         "schema": "signid.inspection/1",
         "robot": robot.name,
         "joints": joint_documents(robot),
         "links": list(robot.links),
-        "base_parameters": base_documents(found.base),
-        **picked(found, "invisible combined"),
-        "suspect": [suspect._asdict() for suspect in found.suspect],
-        "flags": list(found.flags),
+        "base_parameters": base_documents(inspection.base),
+        **picked(inspection, "invisible combined"),
+        "suspect": [suspect._asdict() for suspect in inspection.suspect],
+        "flags": list(inspection.flags),
         "notes": list(robot.notes),
         **provenance((), inputs or [description(robot)], seed),
     }
 
 
-def inspection_tables(found: Inspection) -> list[RenderableType]:
+def inspection_tables(inspection: Inspection) -> list[RenderableType]:
     """Joints, links, base parameters as formulas, and unidentifiable parameters."""
-    robot, base = found.robot, found.base
+    robot, base = inspection.robot, inspection.base
     formulas = new_table("base parameter", "unit", rows=zip(base.expressions, base.units, strict=True))
     bodies: dict[int | None, list[str]] = {}
     for label in base.invisible:
@@ -363,7 +363,7 @@ def inspection_tables(found: Inspection) -> list[RenderableType]:
         heading(f"{counted} (indices: moving links)"),
         formulas,
         *([heading("Unidentifiable from any motion"), hidden] if base.invisible else []),
-        paragraph(f"{plural(len(found.combined), 'standard parameter')}: identifiable only in combination."),
+        paragraph(f"{plural(len(inspection.combined), 'standard parameter')}: identifiable only in combination."),
         *note_lines(robot.notes),
     ]
 
@@ -414,49 +414,49 @@ def _link(robot: Robot, j: int) -> str:
     return min(moved, key=lambda entry: entry[0])[1] if moved else ""
 
 
-def payload_document(found: Payload, inputs: Sequence[Input] = ()) -> Document:
+def payload_document(payload: Payload, inputs: Sequence[Input] = ()) -> Document:
     """Build the output of `signid payload --json`; `inputs` besides the recordings default to the description."""
     parts: dict[str, Any] = {}
-    if found.found:
-        parts = {"mass": (found.mass, "kg"), "centre": (found.centre, "m"), "inertia": (found.inertia, "kg.m^2")}
-    effect = {"effect": found.law.effect.name, "parameters": dict(found.law.parameters)} if found.found else None
-    moments = [{"t": m.t, "std": m.std, "unit": "s", "picked_up": m.picked_up} for m in found.moments]
+    if payload.found:
+        parts = {"mass": (payload.mass, "kg"), "centre": (payload.centre, "m"), "inertia": (payload.inertia, "kg.m^2")}
+    effect = {"effect": payload.law.effect.name, "parameters": dict(payload.law.parameters)} if payload.found else None
+    moments = [{"t": m.t, "std": m.std, "unit": "s", "picked_up": m.picked_up} for m in payload.moments]
     return {
         "schema": "signid.payload/1",
-        "robot": found.robot.name,
-        "link": found.link,
-        "found": found.found,
+        "robot": payload.robot.name,
+        "link": payload.link,
+        "found": payload.found,
         **{key: {"value": value, "std": std, "unit": unit} for key, ((value, std), unit) in parts.items()},
         "effect": effect,
         "moments": moments,
-        "physically_consistent": found.found,
-        **picked(found, "moved misfit"),
-        "cutoff": {"torque": found.cutoff, "unit": "Hz"},
-        **ending(found, found.inputs, inputs or [description(found.robot)], found.seed),
+        "physically_consistent": payload.found,
+        **picked(payload, "moved misfit"),
+        "cutoff": {"torque": payload.cutoff, "unit": "Hz"},
+        **ending(payload, payload.inputs, inputs or [description(payload.robot)], payload.seed),
     }
 
 
-def payload_numbers(found: Payload) -> list[Quantity]:
+def payload_numbers(payload: Payload) -> list[Quantity]:
     """Numbers of the load and its moments, from which tables and frames follow."""
-    centre = zip((f"centre_{axis}" for axis in "xyz"), *found.centre, ["m"] * 3, strict=True)
-    load = [("mass", *found.mass, "kg"), *centre, *zip(INERTIAL[4:], *found.inertia, ["kg.m2"] * 6, strict=True)]
-    moments = [("picked_up" if x.picked_up else "put_down", x.t, x.std, "s") for x in found.moments]
-    numbers = [*(load if found.found else []), *moments]
+    centre = zip((f"centre_{axis}" for axis in "xyz"), *payload.centre, ["m"] * 3, strict=True)
+    load = [("mass", *payload.mass, "kg"), *centre, *zip(INERTIAL[4:], *payload.inertia, ["kg.m2"] * 6, strict=True)]
+    moments = [("picked_up" if x.picked_up else "put_down", x.t, x.std, "s") for x in payload.moments]
+    numbers = [*(load if payload.found else []), *moments]
     return [Quantity(name, float(value), float(std), unit) for name, value, std, unit in numbers]
 
 
-def payload_tables(found: Payload) -> list[RenderableType]:
+def payload_tables(payload: Payload) -> list[RenderableType]:
     """Mass, centre of mass and inertia with their intervals; moments, or the notes alone without a load."""
-    head = heading(f"{found.robot.name}: payload of {found.link}, in its joint frame", below=False)
-    if not found.found:
-        return [head, paragraph("No load was found."), *note_lines(found.notes)]
+    head = heading(f"{payload.robot.name}: payload of {payload.link}, in its joint frame", below=False)
+    if not payload.found:
+        return [head, paragraph("No load was found."), *note_lines(payload.notes)]
     rows = []
-    for x in payload_numbers(found):
+    for x in payload_numbers(payload):
         title = spaced(x.name).replace("centre", "centre of mass") + (
             " at" if x.name in ("picked_up", "put_down") else ""
         )
         rows.append((f"{x.name} about its centre" if x.name in INERTIAL else title, *x.interval("-"), x.unit))
-    change = f"this changed the difference of base parameters by at most {found.moved:.1f} standard deviations"
-    sentence = f"The inertia is physically consistent; {change}. Cut-off {found.cutoff:.3g} Hz."
+    change = f"this changed the difference of base parameters by at most {payload.moved:.1f} standard deviations"
+    sentence = f"The inertia is physically consistent; {change}. Cut-off {payload.cutoff:.3g} Hz."
     section = Section("", (Cells(("payload", "value>", "± (95 %)>", "unit"), rows), Plain(sentence)))
-    return [head, *terminal([section], found.notes)]
+    return [head, *terminal([section], payload.notes)]

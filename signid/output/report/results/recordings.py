@@ -38,57 +38,57 @@ MAX_WEAKEST_PARAMETERS = 8  # number of least identifiable base parameters liste
 UNIDENTIFIABLE_DEVIATION = 1.0  # relative standard deviation from which a parameter is not distinguishable from zero
 
 
-def conversion_document(found: Conversion, inputs: Sequence[Input] = ()) -> Document:
+def conversion_document(conversion: Conversion, inputs: Sequence[Input] = ()) -> Document:
     """Build the output of `signid convert --json`; `inputs` are files read besides the source."""
-    pace, clock = found.pace, found.about.clock or None
+    pace, clock = conversion.pace, conversion.about.clock or None
     return {
         "schema": "signid.conversion/1",
-        "rows": _rows(found),
-        "columns": list(found.columns),
-        "joints": [{"name": joint, "columns": kinds} for joint, kinds in found.joints.items()],
-        "units": dict(found.units),
+        "rows": _rows(conversion),
+        "columns": list(conversion.columns),
+        "joints": [{"name": joint, "columns": kinds} for joint, kinds in conversion.joints.items()],
+        "units": dict(conversion.units),
         "time": pace and {**picked(pace, "duration rate gaps"), "longest_gap": pace.longest, "clock": clock},
         "topics": [
             {"name": topic.name, "type": topic.kind, **picked(topic, "messages rate joints read")}
-            for topic in found.about.topics
+            for topic in conversion.about.topics
         ],
-        "joined": [picked(file, "path offset estimate std") for file in found.joined],
-        **ending(found, _sources(found), inputs, 0),
+        "joined": [picked(file, "path offset estimate std") for file in conversion.joined],
+        **ending(conversion, _sources(conversion), inputs, 0),
     }
 
 
-def conversion_tables(found: Conversion) -> list[RenderableType]:
+def conversion_tables(conversion: Conversion) -> list[RenderableType]:
     """Topics, joints and timing of a conversion."""
     topics = new_table("topic", "type", "messages>", "Hz>", "joints")
-    for topic in found.about.topics:
+    for topic in conversion.about.topics:
         rate = figure(topic.rate) if np.isfinite(topic.rate) else ""
         names = shorten(topic.joints, MAX_TOPIC_JOINTS) if topic.read else "(not read)"
         topics.add_row(topic.name, topic.kind.rpartition("/")[2], str(topic.messages), rate, names)
-    joints = new_table("joint", "columns", *(["converted from"] if found.units else []))
-    for joint, kinds in found.joints.items():
-        units = dict.fromkeys(unit for kind in kinds if (unit := found.units.get(f"{kind}_{joint}")))
-        joints.add_row(joint, " ".join(kinds), *([", ".join(units)] if found.units else []))
-    others = [name for name in found.columns if name != "t" and not split(name)]
-    title = f"{' + '.join(source.path for source in _sources(found))}: {plural(_rows(found), 'row')}"
-    if (pace := found.pace) is not None:
+    joints = new_table("joint", "columns", *(["converted from"] if conversion.units else []))
+    for joint, kinds in conversion.joints.items():
+        units = dict.fromkeys(unit for kind in kinds if (unit := conversion.units.get(f"{kind}_{joint}")))
+        joints.add_row(joint, " ".join(kinds), *([", ".join(units)] if conversion.units else []))
+    others = [name for name in conversion.columns if name != "t" and not split(name)]
+    title = f"{' + '.join(source.path for source in _sources(conversion))}: {plural(_rows(conversion), 'row')}"
+    if (pace := conversion.pace) is not None:
         gaps = f"{plural(pace.gaps, 'gap')} of up to {figure(pace.longest)} s" if pace.gaps else "no gap"
         title += f", {figure(pace.duration)} s at {figure(pace.rate)} Hz, {gaps}"
     return [
         heading(title, below=False),
-        *([topics] if found.about.topics else []),
-        *([joints] if found.joints else []),
+        *([topics] if conversion.about.topics else []),
+        *([joints] if conversion.joints else []),
         *([paragraph(f"Other columns, unchanged: {shorten(others)}")] if others else []),
-        *([paragraph(f"Clock: {found.about.clock}.")] if found.about.clock else []),
-        *note_lines(found.notes),
+        *([paragraph(f"Clock: {conversion.about.clock}.")] if conversion.about.clock else []),
+        *note_lines(conversion.notes),
     ]
 
 
-def _sources(found: Conversion) -> list[Input]:
-    return [found.source, *(Input(file.path, file.sha256, found.source.role) for file in found.joined)]
+def _sources(conversion: Conversion) -> list[Input]:
+    return [conversion.source, *(Input(file.path, file.sha256, conversion.source.role) for file in conversion.joined)]
 
 
-def _rows(found: Conversion) -> int:
-    return len(next(iter(found.columns.values()), ()))
+def _rows(conversion: Conversion) -> int:
+    return len(next(iter(conversion.columns.values()), ()))
 
 
 def data_document(sets: Iterable[DataSet], folder: Path, written: Sequence[Path] = ()) -> Document:
@@ -172,8 +172,8 @@ class SimulationRun:
             f"torque moves the robot: of the position drives of {shorten(self.without_drives)} only armature, friction "
             f"and offset act; --servo simulates the drives"
         ] * bool(self.without_drives)
-        found = (f"{shorten(joints)} {text}" for text, joints in named.items() if joints)
-        return (*robot.notes, *drives, *found)
+        sentences = (f"{shorten(joints)} {text}" for text, joints in named.items() if joints)
+        return (*robot.notes, *drives, *sentences)
 
     @property
     def torque_rms(self) -> Array:
@@ -278,33 +278,33 @@ def servo_simulation_tables(run: ServoSimulation) -> list[RenderableType]:
 
 
 def excitation_document(
-    found: Excitation | Separation, inputs: Sequence[Input] = (), *, robot: Robot, seed: int = 0
+    excitation: Excitation | Separation, inputs: Sequence[Input] = (), *, robot: Robot, seed: int = 0
 ) -> Document:
     """Build the output of `signid excite --json`; `inputs` defaults to the robot description."""
     from ....simulation.excite import Separation
 
-    if isinstance(found, Separation):
-        laws = [law_document(robot, law) for law in found.laws]
-        values = picked(found, "distances shares median structural enough")
+    if isinstance(excitation, Separation):
+        laws = [law_document(robot, law) for law in excitation.laws]
+        values = picked(excitation, "distances shares median structural enough")
         purpose = {"purpose": "separate", "laws": laws, **values}
     else:
-        rows = zip(found.expressions, found.std, found.relative_std, strict=True)
+        rows = zip(excitation.expressions, excitation.std, excitation.relative_std, strict=True)
         purpose = {
             "purpose": "excite",
-            **picked(found, "kind criterion value log_det condition"),
+            **picked(excitation, "kind criterion value log_det condition"),
             "base_parameters": [{"expression": e, "std": s, "relative_std": r} for e, s, r in rows],
-            "evaluations": found.evaluations,
+            "evaluations": excitation.evaluations,
         }
     return {
         **opening("signid.excitation/1", robot),
-        "duration": float(found.trajectory.t[-1]),
-        "rows": len(found.trajectory.t),
+        "duration": float(excitation.trajectory.t[-1]),
+        "rows": len(excitation.trajectory.t),
         **purpose,
-        "noise": found.noise,
+        "noise": excitation.noise,
         "torque_unit": torque_units(robot),
-        "use": picked(found.use, LIMIT_NAMES),
-        "smallest_distance": found.distance,
-        **ending(found, (), inputs or [description(robot)], seed),
+        "use": picked(excitation.use, LIMIT_NAMES),
+        "smallest_distance": excitation.distance,
+        **ending(excitation, (), inputs or [description(robot)], seed),
     }
 
 
@@ -336,15 +336,15 @@ def _identifiability(found: Excitation) -> list[Section]:
     ]
 
 
-def _discrimination(robot: Robot, found: Separation) -> list[Section]:
+def _discrimination(robot: Robot, separation: Separation) -> list[Section]:
     rows = []
-    for law, distance, part in zip(found.laws, found.distances, found.shares, strict=True):
+    for law, distance, part in zip(separation.laws, separation.distances, separation.shares, strict=True):
         entry = law_document(robot, law)
         rows.append((entry["effect"], entry["joint"] or "(robot)", figure(distance), share(part)))
-    if found.structural:
+    if separation.structural:
         verdict = "No motion can discriminate these laws."
-    elif found.enough:
-        verdict = f"The motion discriminates the laws; a random motion reaches {figure(found.median)} (median)."
+    elif separation.enough:
+        verdict = f"The motion discriminates the laws; a random motion reaches {figure(separation.median)} (median)."
     else:
         verdict = "The laws may remain indistinguishable."
     heads = ("true law", "joint", "distance of the other>", "share of its torque unexplained>")

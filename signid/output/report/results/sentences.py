@@ -315,13 +315,13 @@ def secondary_words(robot: Robot, finding: Finding) -> str:
     return f"{lead}: {'; '.join(words.numbers)}" if words.numbers else lead
 
 
-def alternative_words(robot: Robot, finding: Finding, most: int | None = MAX_PRINTED_ALTERNATIVES) -> list[str]:
+def alternative_words(robot: Robot, finding: Finding, max_rivals: int | None = MAX_PRINTED_ALTERNATIVES) -> list[str]:
     """Alternatives of a finding with their probability and a separating motion; the others are counted.
 
-    At most `most` probable ones are listed; None: all, even improbable ones.
+    At most `max_rivals` probable ones are listed; None: all, even improbable ones.
     """
     near = [x.probability >= MIN_SHOWN or x.separating_motion.startswith("no motion") for x in finding.alternatives]
-    rivals = list(finding.alternatives if most is None else compress(finding.alternatives, near))[:most]
+    rivals = list(finding.alternatives if max_rivals is None else compress(finding.alternatives, near))[:max_rivals]
     said = list[str]()
     for rival in rivals:
         sure = confidence(rival.probability) if rival.probability >= MIN_SHOWN else f"<{MIN_SHOWN}"

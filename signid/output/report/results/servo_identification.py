@@ -149,23 +149,23 @@ def _model(model: FrictionModel, held_out: bool) -> Document:
     }
 
 
-def position_fit(found: ServoRollOut) -> Document:
+def position_fit(rollout: ServoRollOut) -> Document:
     """Rms position error of closed loops over whole recordings, in the form of a fit."""
-    nothing = [None] * len(found.joints)
+    nothing = [None] * len(rollout.joints)
     return {
-        "joints": list(found.joints),
-        "unit": list(found.units),
+        "joints": list(rollout.joints),
+        "unit": list(rollout.units),
         "train_rms": nothing,
-        "held_out_rms": found.whole_rms,
+        "held_out_rms": rollout.whole_rms,
         "noise_floor": nothing,
         "held_out_r2": nothing,
     }
 
 
-def rollout_document(found: ServoRollOut) -> Document:
+def rollout_document(rollout: ServoRollOut) -> Document:
     """Rms position error per joint of closed loops from commands alone."""
-    sizes = picked(found, "whole_rms one_second_rms nominal nominal_whole_rms nominal_one_second_rms tracking_rms")
-    return {"joints": list(found.joints), **sizes, "unit": list(found.units)}
+    sizes = picked(rollout, "whole_rms one_second_rms nominal nominal_whole_rms nominal_one_second_rms tracking_rms")
+    return {"joints": list(rollout.joints), **sizes, "unit": list(rollout.units)}
 
 
 def servo_identification_tables(result: ServoIdentification) -> list[RenderableType]:
@@ -180,19 +180,19 @@ def servo_identification_page(result: ServoIdentification, inputs: Sequence[Inpu
     kind = "unreliable" if poor_joints(result.rollout, result.far) else ""
     title = f"{result.robot.name}: {plural(len(result.joints), 'position drive')}"
     cards = []
-    found = result.rollout
-    for j in worst_joints(found)[:1] if len(found.joints) > 1 else ():
-        unit, tracking = found.units[j], float(found.tracking_rms[j])
-        part = f"{share(float(found.whole_rms[j]) / tracking)} of its tracking error" if tracking > 0 else ""
+    rollout = result.rollout
+    for j in worst_joints(rollout)[:1] if len(rollout.joints) > 1 else ():
+        unit, tracking = rollout.units[j], float(rollout.tracking_rms[j])
+        part = f"{share(float(rollout.whole_rms[j]) / tracking)} of its tracking error" if tracking > 0 else ""
         cards.append(
-            Card(f"worst joint: {found.joints[j]}", f"{thousandths(float(found.whole_rms[j]))} m{unit} rms", part)
+            Card(f"worst joint: {rollout.joints[j]}", f"{thousandths(float(rollout.whole_rms[j]))} m{unit} rms", part)
         )
-    short = all_joints(found, found.one_second_rms)
+    short = all_joints(rollout, rollout.one_second_rms)
     size = ", ".join(f"{thousandths(rms, 2)} m{unit}" for unit, rms in short.items())
     cards.append(Card("restarted from the measured state every second", f"{size} rms", "position error of all joints"))
-    if found.nominal != IDEAL_LOOP:
-        size = ", ".join(f"{thousandths(x, 2)} m{u}" for u, x in all_joints(found, found.nominal_whole_rms).items())
-        cards.append(Card(found.nominal, f"{size} rms", "whole recordings"))
+    if rollout.nominal != IDEAL_LOOP:
+        size = ", ".join(f"{thousandths(x, 2)} m{u}" for u, x in all_joints(rollout, rollout.nominal_whole_rms).items())
+        cards.append(Card(rollout.nominal, f"{size} rms", "whole recordings"))
     cards.append(Card("scale of torque and mass", result.scale.known_by, "positions alone give ratios"))
     header = Header(title, over, cards, kind, _headline(result))
     content = shared(result, [result.robot], inputs, command)
@@ -202,9 +202,9 @@ def servo_identification_page(result: ServoIdentification, inputs: Sequence[Inpu
 
 def _sections(result: ServoIdentification, *, pages: bool = False) -> list[Section]:
     """Sections of the terminal, or with what `pages` have beside them."""
-    found = result.rollout
-    drawn = loop_blocks(result.traces, found, found.nominal, "identified") if pages else ()
-    friction = (Legend(FRICTION_LEGEND), Plots(friction_plots(result, found.joints))) if pages else ()
+    rollout = result.rollout
+    drawn = loop_blocks(result.traces, rollout, rollout.nominal, "identified") if pages else ()
+    friction = (Legend(FRICTION_LEGEND), Plots(friction_plots(result, rollout.joints))) if pages else ()
     scale = [text for text in (result.scale.sentence, *result.scale.alternatives) if text]
     if known := sorted(drive.known_load_share for drive in result.joints if isfinite(drive.known_load_share)):
         to = f"{share(known[0])} to " if len(known) > 1 else ""
@@ -212,15 +212,15 @@ def _sections(result: ServoIdentification, *, pages: bool = False) -> list[Secti
     tried = [joint for joint in result.joints if len({*joint.laws.values()}) > 1]
     laws = list(dict.fromkeys(law for joint in tried for law in joint.laws))
     posterior = [[joint.joint, *(_probability(joint.laws.get(law)) for law in laws)] for joint in tried]
-    units = loop_units(found)
-    stated = [found.nominal_whole_rms] if found.nominal != IDEAL_LOOP else []
+    units = loop_units(rollout)
+    stated = [rollout.nominal_whole_rms] if rollout.nominal != IDEAL_LOOP else []
     rows = [
-        [joint, *(thousandths(float(rms[j])) for rms in (found.tracking_rms, *stated)), *loop_cells(found, j)]
-        for j, joint in enumerate(found.joints)
+        [joint, *(thousandths(float(rms[j])) for rms in (rollout.tracking_rms, *stated)), *loop_cells(rollout, j)]
+        for j, joint in enumerate(rollout.joints)
     ]
-    names = ["tracking", *([found.nominal] if stated else []), *LOOP_HEADS]
+    names = ["tracking", *([rollout.nominal] if stated else []), *LOOP_HEADS]
     heads = [f"{name}\n[{units}]>" if name != LOOP_HEADS[1] else f"{name}>" for name in names]
-    title = f"Closed loop from commands alone, {_rows_of(found)}: rms position error"
+    title = f"Closed loop from commands alone, {_rows_of(rollout)}: rms position error"
     drive_laws = dict.fromkeys(_law(drive) for drive in result.joints)
     ratios = [drive for drive in result.joints if any("/" in name for name in drive.numbers)]
     groups = [drive for drive in result.joints if drive not in ratios], ratios
@@ -262,43 +262,43 @@ def _headline(result: ServoIdentification) -> str:
     return "; ".join(words)
 
 
-def loop_words(found: ServoRollOut, data: str = "") -> str:
+def loop_words(rollout: ServoRollOut, data: str = "") -> str:
     """How well closed loops predict whole recordings: rms over all joints, and as a share of the tracking error."""
-    whole = all_joints(found, found.whole_rms)
+    whole = all_joints(rollout, rollout.whole_rms)
     if not all(map(isfinite, whole.values())):
         return "whose simulation diverges"
     sizes = " and ".join(f"{thousandths(rms, 2)} m{unit}" for unit, rms in whole.items())
-    tracking = all_joints(found, found.tracking_rms)
+    tracking = all_joints(rollout, rollout.tracking_rms)
     shares = " and ".join(share(rms / tracking[unit]) for unit, rms in whole.items() if tracking[unit] > 0)
-    of = "their" if len(found.joints) > 1 else "its"
+    of = "their" if len(rollout.joints) > 1 else "its"
     return f"predicted to {sizes} rms{data}" + (f", {shares} of {of} tracking error" if shares else "")
 
 
-def all_joints(found: ServoRollOut, rms: Array) -> dict[str, float]:
+def all_joints(rollout: ServoRollOut, rms: Array) -> dict[str, float]:
     """Root mean square over the joints with drives, by unit; rms: (n,) [rad or m]."""
     driven = {
-        unit: [u == unit and not np.isnan(x) for u, x in zip(found.units, rms, strict=True)] for unit in found.units
+        unit: [u == unit and not np.isnan(x) for u, x in zip(rollout.units, rms, strict=True)] for unit in rollout.units
     }
-    return {unit: float(np.sqrt(np.mean(rms[some] ** 2))) for unit, some in driven.items() if any(some)}
+    return {unit: float(np.sqrt(np.mean(rms[joints] ** 2))) for unit, joints in driven.items() if any(joints)}
 
 
-def poor_joints(found: ServoRollOut, far: Sequence[str] = ()) -> list[str]:
+def poor_joints(rollout: ServoRollOut, far: Sequence[str] = ()) -> list[str]:
     """Joints whose loop is predicted badly: no better than q = q_des or the stated numbers, or `far` from training."""
-    usual = np.fmin(found.nominal_whole_rms, found.tracking_rms)
-    worse = dict(zip(found.joints, (found.whole_rms > WORSE_ERROR_RATIO * usual).tolist(), strict=True))
+    usual = np.fmin(rollout.nominal_whole_rms, rollout.tracking_rms)
+    worse = dict(zip(rollout.joints, (rollout.whole_rms > WORSE_ERROR_RATIO * usual).tolist(), strict=True))
     return [joint for joint, bad in worse.items() if bad or joint in far]
 
 
-def loop_cells(found: ServoRollOut, j: int) -> list[str]:
+def loop_cells(rollout: ServoRollOut, j: int) -> list[str]:
     """Error of a joint over whole recordings, its share of the tracking error, and the error from every second on."""
-    whole, short = (thousandths(float(rms[j])) for rms in (found.whole_rms, found.one_second_rms))
-    part = share(float(found.whole_rms[j] / found.tracking_rms[j])) if found.tracking_rms[j] > 0 else "-"
-    return [Worse(whole) if found.joints[j] in poor_joints(found) else whole, part, short]
+    whole, short = (thousandths(float(rms[j])) for rms in (rollout.whole_rms, rollout.one_second_rms))
+    part = share(float(rollout.whole_rms[j] / rollout.tracking_rms[j])) if rollout.tracking_rms[j] > 0 else "-"
+    return [Worse(whole) if rollout.joints[j] in poor_joints(rollout) else whole, part, short]
 
 
-def loop_units(found: ServoRollOut) -> str:
+def loop_units(rollout: ServoRollOut) -> str:
     """Units of position errors in tables."""
-    return " or ".join(dict.fromkeys(f"m{unit}" for unit in found.units))
+    return " or ".join(dict.fromkeys(f"m{unit}" for unit in rollout.units))
 
 
 def _numbers(joints: Sequence[ServoJoint], named: bool) -> Cells:
@@ -359,12 +359,12 @@ def _models(result: ServoIdentification, pages: bool) -> Section:
     return Section(f"Friction models: errors from commands alone, {_rows_of(result.rollout)}", blocks)
 
 
-def _rows_of(found: ServoRollOut) -> str:
-    return "held-out data" if found.held_out else "data of the fit (none was held out)"
+def _rows_of(rollout: ServoRollOut) -> str:
+    return "held-out data" if rollout.held_out else "data of the fit (none was held out)"
 
 
-def _by_unit(found: ServoRollOut, errors: Array) -> str:
+def _by_unit(rollout: ServoRollOut, errors: Array) -> str:
     """Mean error of the joints of each unit; "-" where it diverges."""
-    each = {unit: errors[[u == unit for u in found.units]] for unit in dict.fromkeys(found.units)}
-    means = {unit: x[~np.isnan(x)] for unit, x in each.items()}
+    by_unit = {unit: errors[[u == unit for u in rollout.units]] for unit in dict.fromkeys(rollout.units)}
+    means = {unit: x[~np.isnan(x)] for unit, x in by_unit.items()}
     return ", ".join(f"{thousandths(float(np.mean(x)))} m{unit}" for unit, x in means.items() if x.size)

@@ -255,8 +255,8 @@ def validated_plots(result: Validation) -> Iterator[JointPlots]:
                 style = {"width": 1.3, "dash": dash}
                 lines.append(Line(f"predicted{marks[k]}", "y", colour, style, measured - model.residual[:, j]))
                 lines.append(Line(f"residual{marks[k]}", "y2", colour, style, model.residual[:, j]))
-            most = line_points(len(result.models[0].fit.joints) * (1 + len(lines)), 3)
-            plots = (torque_plot(joint, first, unit, lines, most),)
+            max_points = line_points(len(result.models[0].fit.joints) * (1 + len(lines)), 3)
+            plots = (torque_plot(joint, first, unit, lines, max_points),)
         yield JointPlots(joint, f"rms {rms} {unit}", joint in shown, plots)
 
 
