@@ -46,7 +46,7 @@ TODAY = {
     "simulation": 4343,
     "estimation": 2533,
     "signs": 3053,
-    "faults": 3871,
+    "faults": 3850,
     "servo": 8827,
     "diagnose": 6663,
     "payload": 1410,

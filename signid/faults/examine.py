@@ -15,7 +15,7 @@ from ..estimation.least_squares import estimate
 from ..model import Model, stated_inertials, stated_laws
 from ..regression.session import Part, Session
 from ..robot import with_gravity
-from ..types import Array, Mask, Robot, Samples
+from ..types import Array, Mask, Robot
 from .channels import SAMPLE_KINDS, judge_samples, longest_rows, true_runs
 from .distortions import KINDS as DISTORTIONS, DistortionSearch, distortion_fault, find_distortion, nats
 from .evidence import (
@@ -356,8 +356,15 @@ def judge_standstills(evidence: FaultEvidence, parts: Sequence[Part]) -> Iterato
     sensor is stuck needs more or less.
     """
     raw = [longest_rows(part) for part in parts]
+    times, ends = evidence.moments, np.cumsum([len(t) for t in evidence.moments])
     for j, joint in enumerate(evidence.robot.joints):
-        still, seconds = _standstills(evidence, raw, j)
+        still, seconds = np.zeros(len(evidence.q), dtype=bool), 0.0  # rows in standstills; the longest one [s]
+        runs = [(rows.t, a, b) for rows in raw for a, b in true_runs(np.diff(rows.q[:, j]) == 0)]
+        for at, a, b in ((at, a, b) for at, a, b in runs if at[b] - at[a] >= LONG):
+            seconds = max(seconds, float(at[b] - at[a]))
+            for t, end in zip(times, ends, strict=True):
+                if at[0] <= t[0] and t[-1] <= at[-1]:
+                    still[end - len(t) : end] |= (t > at[a]) & (t < at[b])
         if not evidence.signed[j] or min(still.sum(), (~still).sum()) < MIN_STANDSTILL_ROWS:
             continue
         x, at_rest = (Signals(*(signal[rows][:, [j]] for signal in evidence.plain)) for rows in (~still, still))
@@ -371,18 +378,3 @@ def judge_standstills(evidence: FaultEvidence, parts: Sequence[Part]) -> Iterato
             advice = "the sensor is stuck: check it, or cut that part out"
             measures = {"seconds": seconds, "share": share, "beyond": beyond}
             yield RecordingFault("stuck position", (joint,), REFUSE, measures, f"{fact}; {advice}")
-
-
-def _standstills(evidence: FaultEvidence, raw: Sequence[Samples], joint: int) -> tuple[Mask, float]:
-    """Mask (K,) of the rows in standstills, and the duration of the longest one [s]."""
-    still, longest = np.zeros(len(evidence.q), dtype=bool), 0.0
-    times, ends = evidence.moments, np.cumsum([len(t) for t in evidence.moments])
-    for rows in raw:
-        for a, b in true_runs(np.diff(rows.q[:, joint]) == 0):
-            if (seconds := float(rows.t[b] - rows.t[a])) < LONG:
-                continue
-            longest = max(longest, seconds)
-            for t, end in zip(times, ends, strict=True):
-                if rows.t[0] <= t[0] and t[-1] <= rows.t[-1]:
-                    still[end - len(t) : end] |= (t > rows.t[a]) & (t < rows.t[b])
-    return still, longest

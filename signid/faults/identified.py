@@ -184,10 +184,8 @@ def _largest_delay(data: IdentifiedData, signed: Mask) -> float:
         return np.inf
     for j in np.flatnonzero(signed).tolist():
         kept = sample.kept[:, j]
-        columns, both = (
-            sample.of(j, data.train.columns)[kept],
-            np.stack([sample.torque[kept, j], sample.slope[kept, j]]),
-        )
+        columns = sample.of(j, data.train.columns)[kept]
+        both = np.stack([sample.torque[kept, j], sample.slope[kept, j]])
         if len(columns) < SPARE * columns.shape[1]:
             return np.inf
         across, size = both @ columns, np.maximum(np.linalg.norm(columns, axis=0), 1e-300)

@@ -240,8 +240,19 @@ def _residual(x: Array, windows: Sequence[_Window]) -> tuple[Array, Array]:
     from scipy.signal import lfilter  # slow import
 
     period, (w, z, delay) = windows[0].period, _numbers(x)
-    b, a = _discrete(w, z, period)
-    answers = [_answer(window, b, a, delay / period) for window in windows]
+    z = z if abs(z - 1) >= 1e-6 else 1 + 1e-6  # two poles
+    root = np.sqrt(complex(z * z - 1))
+    slow, fast = (-z + root) * w, (-z - root) * w
+    p, r = np.exp(slow * period), np.exp(fast * period)
+    a = np.real(np.array([1.0, -(p + r), p * r]))
+    first = float(np.real(1 + (fast * p - slow * r) / (slow - fast)))
+    b = np.array([0.0, first, float(a.sum()) - first])  # of the response to a held command, with a gain of one at rest
+    whole, share = divmod(delay / period, 1.0)
+    answers = []
+    for window in windows:
+        size, start = len(window.q), len(window.command) - len(window.q) - int(whole)
+        late = (1 - share) * window.command[start : start + size] + share * window.command[start - 1 : start - 1 + size]
+        answers.append(lfilter(b, a, late - late[0]) + late[0])
     rates = [np.gradient(answer) for answer in answers]
     slow = REVERSAL_SPEED_SHARE * float(np.sqrt(np.mean(np.concatenate(rates) ** 2))) + 1e-12
     columns, pulse = [], np.zeros(max(len(window.q) for window in windows) + 1)
@@ -261,28 +272,6 @@ def _residual(x: Array, windows: Sequence[_Window]) -> tuple[Array, Array]:
         if value[2] >= 0:
             break
     return table[:, 3] - table[:, :3] @ value, value
-
-
-def _answer(window: _Window, b: Array, a: Array, delay: float) -> Array:
-    """Response (L,) to the command of a window that is late by a delay [rows]."""
-    from scipy.signal import lfilter
-
-    size, history = len(window.q), len(window.command) - len(window.q)
-    whole, share = divmod(delay, 1.0)
-    start = history - int(whole)
-    late = (1 - share) * window.command[start : start + size] + share * window.command[start - 1 : start - 1 + size]
-    return np.asarray(lfilter(b, a, late - late[0]) + late[0])
-
-
-def _discrete(w: float, z: float, period: float) -> tuple[Array, Array]:
-    """Numerator and denominator of the second-order response to a held command, with a gain of one at rest."""
-    z = z if abs(z - 1) >= 1e-6 else 1 + 1e-6  # two poles
-    root = np.sqrt(complex(z * z - 1))
-    slow, fast = (-z + root) * w, (-z - root) * w
-    p, r = np.exp(slow * period), np.exp(fast * period)
-    a = np.real(np.array([1.0, -(p + r), p * r]))
-    first = float(np.real(1 + (fast * p - slow * r) / (slow - fast)))
-    return np.array([0.0, first, float(a.sum()) - first]), a
 
 
 SETTLE, LAGS = 0.4, 5.0  # [s], [lags] after the last change of the command
