@@ -111,7 +111,11 @@ def diagnose(
     model = restrict_joints(_lasting(healthy.model), [*recordings, *held_out])[0] if healthy else given
     mounting = mount(model, *prepare_session(model, recovered, options, show), skip)
     mounting = mounting._replace(given=given, constants=recovered.gains.covariance if recovered.gains else None)
-    start = _start(mounting, skip, show)
+    with_block, ordinary = with_ordinary(mounting.model, mounting.session, skip)
+    with_block, gains = with_estimated_gains(with_block, mounting.constants)
+    block = (*ordinary, *gains)
+    dataset = build_in_time(with_block, mounting.session, skip, show, block)
+    start = _Start(mounting.model, dataset, ordinary, block)
     answer = _answer(start, mounting, skip, healthy, options.seed, show)
     known, lacked = mounting.model.misfit is not None, False
     if known and answer.result.verdict in (NOTHING_MISSING, UNDECIDED) and not time_is_up(LAW_SEARCH, answer=False):
@@ -166,7 +170,7 @@ class _Answer(NamedTuple):
 
 
 class _Start(NamedTuple):
-    """What the search for laws begins with."""
+    """State from which the search for laws begins."""
 
     given: Model
     dataset: Dataset  # rows under white noise
@@ -177,13 +181,6 @@ class _Start(NamedTuple):
         """The same rows, for the question what an identified model lacks."""
         given, model = (replace(one, misfit=None) for one in (self.given, self.dataset.model))
         return self._replace(given=given, dataset=replace(self.dataset, model=model))
-
-
-def _start(mounting: Mounting, skip: Sequence[str], show: Progress) -> _Start:
-    model, ordinary = with_ordinary(mounting.model, mounting.session, skip)
-    model, gains = with_estimated_gains(model, mounting.constants)
-    block = (*ordinary, *gains)
-    return _Start(mounting.model, build_in_time(model, mounting.session, skip, show, block), ordinary, block)
 
 
 def _answer(
@@ -241,15 +238,6 @@ def _recover(
         return found, (error.flag, *flags)
 
 
-def _check(recordings: Sequence[Recording], reference: Sequence[Recording], skip: Sequence[str]) -> None:
-    if not recordings:
-        raise OptionError("no recording was given; at least one is needed")
-    if same := [r.path for r in recordings if r.path and any(r.sha256 == other.sha256 for other in reference)]:
-        raise OptionError(f"{same[0]} is its own reference; give another recording, of the robot in a healthy state")
-    for name in skip:
-        EFFECTS[name]
-
-
 def _search(
     dataset: Dataset, posterior: Posterior, skip: Sequence[str], healthy: Diagnosis | None, progress: Progress
 ) -> SearchResult:
@@ -260,6 +248,15 @@ def _search(
         result = select(dataset, posterior, skip, healthy)
     progress("evaluating", 0.7)
     return result
+
+
+def _check(recordings: Sequence[Recording], reference: Sequence[Recording], skip: Sequence[str]) -> None:
+    if not recordings:
+        raise OptionError("no recording was given; at least one is needed")
+    if same := [r.path for r in recordings if r.path and any(r.sha256 == other.sha256 for other in reference)]:
+        raise OptionError(f"{same[0]} is its own reference; give another recording, of the robot in a healthy state")
+    for name in skip:
+        EFFECTS[name]
 
 
 def _no_progress(what: str, share: float) -> None:

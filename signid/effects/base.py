@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
+from functools import lru_cache
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
@@ -187,3 +188,12 @@ def amplitude_phase(effect: Effect, coefficients: Sequence[float], shape: Number
     """Convert coefficients of sin(x) and cos(x) to amplitude * sin(x + phase)."""
     sine, cosine = coefficients
     return {"amplitude": float(np.hypot(sine, cosine)), "phase": float(np.arctan2(cosine, sine)), **shape}
+
+
+@lru_cache(maxsize=16)  # a delay is fitted to the same torque again and again
+def akima(t: bytes, values: bytes) -> Any:
+    """Interpolator of values (N, k) between times (N,) [s], both given as the bytes of their arrays."""
+    from scipy.interpolate import Akima1DInterpolator  # slow import
+
+    at = np.frombuffer(t)
+    return Akima1DInterpolator(at, np.frombuffer(values).reshape(len(at), -1))

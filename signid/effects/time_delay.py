@@ -1,12 +1,9 @@
 """Time delay: torque is recorded late or early relative to the position."""
 
-from functools import lru_cache
-
 import numpy as np
-from scipy.interpolate import Akima1DInterpolator
 
 from ..types import Array, Coefficient, View
-from .base import Numbers, RecordingLaw
+from .base import Numbers, RecordingLaw, akima
 
 
 class TimeDelay(RecordingLaw):
@@ -24,7 +21,7 @@ class TimeDelay(RecordingLaw):
         """Torque shifted in time; beyond the ends of the recording it is extended by point reflection."""
         t = x.t[:, 0]
         wanted = np.clip(t - delay, 2 * t[0] - t[-1], 2 * t[-1] - t[0])
-        inside, at = np.clip(wanted, t[0], t[-1]), _curve(t.tobytes(), x.torque.tobytes())
+        inside, at = np.clip(wanted, t[0], t[-1]), akima(t.tobytes(), x.torque.tobytes())
         beyond, out = wanted != inside, at(inside).reshape(x.torque.shape)
         out[beyond] = 2 * out[beyond] - at(2 * inside[beyond] - wanted[beyond])
         return np.asarray(out)
@@ -36,12 +33,6 @@ class TimeDelay(RecordingLaw):
         """Whether torque or motion is early."""
         size = f"{1e3 * abs(parameters['delay']):.1f} ms"
         return f"torque leads the motion by {size}" if parameters["delay"] < 0 else f"torque recorded {size} late"
-
-
-@lru_cache(maxsize=16)  # a delay is fitted to the same torque again and again
-def _curve(t: bytes, torque: bytes) -> Akima1DInterpolator:
-    at = np.frombuffer(t)
-    return Akima1DInterpolator(at, np.frombuffer(torque).reshape(len(at), -1))
 
 
 PLUGIN = TimeDelay()

@@ -83,7 +83,7 @@ def quantum(stretches: Sequence[Array]) -> float:
 
 
 def has_values(x: Array, least: int) -> bool:
-    """Whether a column (N,) [any unit] has at least so many different values; a sample of its rows may show it."""
+    """Whether a column has a number of different values; a sample of rows may show it; x: (N,) [any unit]."""
     return any(len(np.unique(rows)) >= least for rows in (x[:: max(1, len(x) // (8 * least))], x))
 
 

@@ -227,7 +227,7 @@ def passive_columns(x: Signals) -> Array:
 
 
 def covariances(signals: Sequence[Array], block: Indices) -> Array:
-    """Covariances (B + 1, n, s, s) of s signals (K, n), over all rows and then without each of the B blocks (K,)."""
+    """Covariances (B + 1, n, s, s) over all rows, then without each block (K,); signals: (K, n) [any units] each."""
     z = np.stack([signal.T for signal in signals], axis=1)
     z -= z.mean(axis=2, keepdims=True)
     blocks = [z[:, :, block == k] for k in np.unique(block)]
@@ -238,7 +238,7 @@ def covariances(signals: Sequence[Array], block: Indices) -> Array:
 
 
 def fit_passive(x: Signals, torque: Array | None = None) -> PassiveFit:
-    """Fit torques (n, K, T) [N.m or N] by `passive_columns` of each joint; None: the recorded one (T = 1)."""
+    """Fit torques by `passive_columns` of each joint; torque: (n, K, T) [N.m or N], None: as recorded (T = 1)."""
     columns = passive_columns(x)
     y = x.torque.T[:, :, None] if torque is None else torque
     y = y - y.mean(axis=1, keepdims=True)
@@ -250,7 +250,7 @@ def fit_passive(x: Signals, torque: Array | None = None) -> PassiveFit:
 def fit_products(gram: Array, right: Array, power: Array) -> tuple[Array, Array]:
     """Coefficients (n, k, T) and unexplained shares (n, T) [1] of passive fits, from products of columns and torques.
 
-    gram: (n, k, k), of columns; right: (n, k, T), of columns and torques; power: (n, T), squares of torques.
+    gram: (n, k, k) [any units] of columns; right: (n, k, T) [any units] with torques; power: (n, T) [any units].
     """
     size = np.sqrt(np.maximum(np.diagonal(gram, axis1=1, axis2=2), 1e-300))[:, :, None]
     scaled, right = gram / (size * size.swapaxes(1, 2)), right / size

@@ -95,7 +95,12 @@ def payload(
         return replace(weigh_within(session, _inputs((without, WITHIN_ROLE)), progress), bare=bare)
     carrying = as_recordings(carrying, robot, "payload")
     both = [*without, *carrying]
-    _check(without, carrying)
+    for name, side in (("without", without), ("with", carrying)):
+        if not side:
+            raise OptionError(f"no recording {name} the load was given; the load is the difference of the two")
+    if len({recording.sha256 for recording in both}) < len(both):
+        raise OptionError("the same samples were given twice; give each recording once, without the load or with it")
+    _check_signs(both)
     session = prepare(robot, both, both, options)
     sides = session.train[: len(without)], session.train[len(without) :]
     bare = _bare(model, session.robot)
@@ -125,16 +130,6 @@ def _bare(model: Model, moving: Robot) -> Model:
 
 def _inputs(*sides: tuple[Sequence[Recording], str]) -> tuple[Input, ...]:
     return tuple(Input(r.path, r.sha256, role) for side, role in sides for r in side)
-
-
-def _check(without: Sequence[Recording], carrying: Sequence[Recording]) -> None:
-    for name, side in (("without", without), ("with", carrying)):
-        if not side:
-            raise OptionError(f"no recording {name} the load was given; the load is the difference of the two")
-    both = [*without, *carrying]
-    if len({recording.sha256 for recording in both}) < len(both):
-        raise OptionError("the same samples were given twice; give each recording once, without the load or with it")
-    _check_signs(both)
 
 
 def _check_signs(recordings: Sequence[Recording]) -> None:

@@ -302,16 +302,7 @@ def _text(
         of_kind = [line for line in lines if line.kind == kind]
         keys = [(key, column) for key, column in offered if split(key)[0][0] == kind]
         if kind != "t" and (of_kind or keys):
-            section = []
-            reasons = {line.noticed.why for line in of_kind}
-            same_reason = len(reasons) == 1
-            section.append(
-                f"# {TITLES.get(kind, 'time')}" + (f": {one_line(min(reasons))}" if same_reason and not unit else "")
-            )
-            for line in of_kind:
-                text = entry(line.signal, line.guess.column, "" if unit else line.noticed.unit)
-                section.append(text if unit or same_reason else f"{text}  # {one_line(line.noticed.why)}")
-            out += ["", *section]
+            out += ["", *_section(kind, of_kind, unit)]
             units = {column: "" if unit else without_unit(column)[1] for _, column in keys}
             out += [f"# {entry(key, column, units[column])}  # which?" for key, column in keys]
     if lacking:
@@ -331,6 +322,16 @@ def _text(
     time = next((line for line in lines if line.kind == "t"), None)
     clock = f"time = {quoted(time.guess.column)}" if time else "# rate = 100  # [Hz] of rows without a column of time"
     return "\n".join([*out, "", "[clock]", clock, ""])
+
+
+def _section(kind: str, lines: Sequence[MappedColumn], shared: Noticed | None) -> Iterator[str]:
+    """Title and lines of a kind; a unit that is not shared stands in each line, and its reason where reasons differ."""
+    reasons = {line.noticed.why for line in lines}
+    same_reason = len(reasons) == 1
+    yield f"# {TITLES.get(kind, 'time')}" + (f": {one_line(min(reasons))}" if same_reason and not shared else "")
+    for line in lines:
+        text = entry(line.signal, line.guess.column, "" if shared else line.noticed.unit)
+        yield text if shared or same_reason else f"{text}  # {one_line(line.noticed.why)}"
 
 
 def lacking_time(table: Table, used: Collection[str]) -> str:

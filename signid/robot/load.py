@@ -336,17 +336,7 @@ def _fill(values: dict[str, Array], tables: Mapping[str, Any], robot: Robot) -> 
                 advice = f"; {key} belongs below [joint.{name}.servo]" if key in SERVO_KEYS else ""
                 raise RobotError(f"joint {name} has the unknown key {key!r}; choose from {', '.join(_KEYS)}{advice}")
             else:
-                if isinstance(value, int) and abs(value) >= _MAX_NUMBER:
-                    raise RobotError(f"joint {name} has {key} beyond {_MAX_NUMBER:.0e}; expected a finite number")
-                if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < _MAX_NUMBER:
-                    raise RobotError(f"joint {name} has {key} = {value!r}; expected a finite number")
-                if value < 0 and key in _NONNEGATIVE_JOINT_KEYS:
-                    raise RobotError(f"joint {name} has {key} = {value!r}; it cannot be negative")
-                if value == 0 and key == "torque_constant":
-                    raise RobotError(
-                        f"joint {name} has torque_constant = 0; give its value in N.m/A, or remove the key"
-                    )
-                values[key][joint] = float(value)
+                values[key][joint] = _number(name, key, value)
     return {joint: stated for joint, stated in servo.items() if stated}
 
 
@@ -404,3 +394,15 @@ def _registers(tables: Mapping[str, Any], robot: Robot) -> dict[tuple[str, str],
             if stated:
                 registers[Path(file).name, joint] = stated
     return registers
+
+
+def _number(joint: str, key: str, value: object) -> float:
+    if isinstance(value, int) and abs(value) >= _MAX_NUMBER:
+        raise RobotError(f"joint {joint} has {key} beyond {_MAX_NUMBER:.0e}; expected a finite number")
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < _MAX_NUMBER:
+        raise RobotError(f"joint {joint} has {key} = {value!r}; expected a finite number")
+    if value < 0 and key in _NONNEGATIVE_JOINT_KEYS:
+        raise RobotError(f"joint {joint} has {key} = {value!r}; it cannot be negative")
+    if value == 0 and key == "torque_constant":
+        raise RobotError(f"joint {joint} has torque_constant = 0; give its value in N.m/A, or remove the key")
+    return float(value)

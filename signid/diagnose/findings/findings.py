@@ -17,7 +17,6 @@ from ...effects.naming import law_name, law_place
 from ...errors import shorten
 from ...estimation.fit_quality import MIN_R2, Fit
 from ...model import Model
-from ...regression.motion import Motion
 from ...regression.session import Session
 from ...simulation.excite.families import Fourier, random_parameters
 from ...simulation.excite.limits import build_limits
@@ -299,9 +298,13 @@ def tell_apart(model: Model, law: Law, rival: Law, floor: Array, seed: int) -> s
     if time_is_up(MOTION_SEARCH):
         return UNSEARCHED_NOTE
     usual = [Law(effect, (j,)) for effect in EFFECTS if effect.usual and effect is not law.effect for j in law.joints]
+    rng, t = np.random.default_rng(seed), np.arange(int(MOTION_DURATION * MOTION_RATE)) / MOTION_RATE
+    limits, family = build_limits(model.robot), Fourier(MOTION_DURATION, MOTION_HARMONICS, 1 / MOTION_DURATION)
+    basis = family.basis(t)
+    drawn = (random_parameters(basis, limits, rng, AMPLITUDE_SHARES) for _ in range(TRIED_MOTIONS))
+    motions = [with_torque(model, family.sample(model.robot.joints, x, t)) for x in drawn]
     tried = [  # with the usual laws fitted beside, at the joints of the first law
-        (*law_distance(law, rival, motion, wide_columns(usual, motion), floor), motion)
-        for motion in _motions(model, seed)
+        (*law_distance(law, rival, motion, wide_columns(usual, motion), floor), motion) for motion in motions
     ]
     left, share, motion = max(tried, key=lambda t: t[0])
     if max(s for _, s, _ in tried) < EQUAL_LAW_SHARE:
@@ -319,15 +322,6 @@ def tell_apart(model: Model, law: Law, rival: Law, floor: Array, seed: int) -> s
         f"{unit}/s, all joints moving: a random motion of {MOTION_DURATION:g} s sets them {np.sqrt(left):.2g} standard "
         f"deviations apart; signid excite ROBOT --separate {names} finds a better one"
     )
-
-
-def _motions(model: Model, seed: int) -> list[Motion]:
-    robot, rng = model.robot, np.random.default_rng(seed)
-    limits, t = build_limits(robot), np.arange(int(MOTION_DURATION * MOTION_RATE)) / MOTION_RATE
-    family = Fourier(MOTION_DURATION, MOTION_HARMONICS, 1 / MOTION_DURATION)
-    basis = family.basis(t)
-    drawn = (random_parameters(basis, limits, rng, AMPLITUDE_SHARES) for _ in range(TRIED_MOTIONS))
-    return [with_torque(model, family.sample(robot.joints, x, t)) for x in drawn]
 
 
 def _written(model: Model, law: Law) -> str:

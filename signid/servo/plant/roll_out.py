@@ -55,7 +55,8 @@ def roll_out(
     drives, state, out = rows.drives(copies_of([acting])), new_state(len(driven)), grid.q.copy()
     state.armature[:], state.play[HALF] = drives.numbers[0, :, ARMATURE], 0.5 * drives.numbers[0, :, GAP]
     loose = bool(np.any(drives.numbers[0, :, GAP] > 0)) or None
-    loop(tree_of(robot), np.stack(motion), out, drives, np.array(driven), state, _restart(grid, horizon), loose)
+    along = LoopMotion(np.stack(motion), np.array(driven), _restart(grid, horizon), out)
+    loop(tree_of(robot), along, drives, state, loose)
     return out
 
 
@@ -116,14 +117,23 @@ class Tree(NamedTuple):
     """
 
     parent: Indices  # (A,) axis before
-    screw: Array  # (A, 6) of the axes at zero
-    action: Array  # (A, 2, 6, 6) of a screw on motions, and its square
-    body: Array  # (A, 6, 6) inertia of the body that an axis moves, at zero
+    screw: Array  # (A, 6) [1 and m] of the axes at zero
+    action: Array  # (A, 2, 6, 6) [1 and m] of a screw on motions, and its square
+    body: Array  # (A, 6, 6) [kg, kg.m and kg.m2] inertia of the body that an axis moves, at zero
     drive: Array  # (A, n) [1] rates of the axes per rate of the joints
     rest: Array  # (A,) [rad or m]
-    moved: Array  # (A, 5, 6) memory: velocity, acceleration, force, momentum, and the rate of the screw
-    back: Array  # (A, 6, 6) memory: motions of the axis before, as the axis sees them
-    inertia: Array  # (A, 6, 6) memory: of all bodies that an axis moves
+    moved: Array  # (A, 5, 6) [any] memory: velocity, acceleration, force, momentum, and the rate of the screw
+    back: Array  # (A, 6, 6) [1 and m] memory: motions of the axis before, as the axis sees them
+    inertia: Array  # (A, 6, 6) [kg, kg.m and kg.m2] memory: of all bodies that an axis moves
+
+
+class LoopMotion(NamedTuple):
+    """Recorded motion of n joints, and the simulated positions."""
+
+    motion: Array  # (3, N, n) [rad or m and per s, per s2] positions, speeds and accelerations
+    driven: Indices  # (m,) columns of the joints with a drive
+    restart: int  # rows after which the state is set to the measured one
+    out: Array  # (N, n) [rad or m] simulated positions
 
 
 def tree_of(robot: Robot) -> Tree:
@@ -152,10 +162,9 @@ def act(x, y, out):  # type: ignore[no-untyped-def]
 
 
 @LOOP
-def rigid_bodies(tree, motion, mass, loads):  # type: ignore[no-untyped-def]
-    """Mass matrix (n, n) and torque (n,) of the joints; motion: (3, n) positions, speeds and accelerations."""
+def move_bodies(tree, motion):  # type: ignore[no-untyped-def]
+    """Velocities, accelerations and forces of the bodies; motion: (3, n) positions, speeds and accelerations."""
     count, n = tree.drive.shape
-    mass[:], loads[:] = 0.0, 0.0
     for k in range(1, count):
         moved, before, back, screw = tree.moved[k], tree.moved[tree.parent[k]], tree.back[k], tree.screw[k]
         angle, rate, change = tree.rest[k], 0.0, 0.0
@@ -184,6 +193,14 @@ def rigid_bodies(tree, motion, mass, loads):  # type: ignore[no-untyped-def]
             moved[4, i] = moved[2, (i + 3) % 6]
             for j in range(6):
                 moved[4, i] += tree.body[k, i, j] * moved[1, j]
+
+
+@LOOP
+def rigid_bodies(tree, motion, mass, loads):  # type: ignore[no-untyped-def]
+    """Mass matrix (n, n) and torque (n,) of the joints; motion: (3, n) positions, speeds and accelerations."""
+    move_bodies(tree, motion)
+    count, n = tree.drive.shape
+    mass[:], loads[:] = 0.0, 0.0
     for k in range(count - 1, 0, -1):
         other, moved = k, tree.moved[k]
         force, now, new = moved[4], moved[2], moved[3]
@@ -220,12 +237,9 @@ def rigid_bodies(tree, motion, mass, loads):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST)
-def loop(tree, motion, out, drives, driven, state, restart, loose):  # type: ignore[no-untyped-def]
-    """Positions out (N, n) of the closed loop, with the state set to the measured one every `restart` rows.
-
-    motion: (3, N, n) of all joints; driven: (m,) columns of those with a drive; loose: None if no joint has backlash,
-    and the code for it is not compiled.
-    """
+def loop(tree, along, drives, state, loose):  # type: ignore[no-untyped-def]
+    """Write the positions of the closed loop into `along.out`; loose: None without backlash: less is compiled."""
+    motion, driven, restart, out = along
     rows, n = motion.shape[1:]
     q, v, m, h = state.q, state.v, len(driven), drives.step
     now, whole, loads, mass = np.empty((3, n)), np.empty((n, n)), np.empty(n), np.empty((m, m))

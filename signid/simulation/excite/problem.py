@@ -68,7 +68,10 @@ class ExcitationProblem(Frozen):
         return [x / scale for x, scale in zip(found, self._scales, strict=True)]
 
     def row_slopes(self, motion: Motion, weights: Sequence[Array]) -> Array:
-        """Derivatives (3, N, n) of the sum of weights (N, m_j) times rows by position, velocity and acceleration."""
+        """Derivatives (3, N, n) of the sum of weights times rows by position, velocity and acceleration.
+
+        weights: (N, m_j) [1] of the rows of each joint.
+        """
         scaled = [weight / scale for weight, scale in zip(weights, self._scales, strict=True)]
         return row_slopes(motion, self.laws, self.wanted, scaled)
 

@@ -17,8 +17,8 @@ LAW_STEPS = np.array([1e-6, 1e-6, 1e-3])  # [rad, rad/s, rad/s2] steps of the la
 def row_slopes(motion: Motion, laws: Sequence[Law], wanted: Sequence[Indices], weights: Sequence[Array]) -> Array:
     """Derivatives (3, N, n) by position, velocity and acceleration of the sum of weights * `base_rows`, per sample.
 
-    The weights (N, m_j) of each joint's rows are constant. Those of laws, each of which acts at one joint only, are
-    derived by differences; those of bodies exactly, from the inertial parameters that the weights would be.
+    weights: (N, m_j) [any units] of each joint's rows, constant. Slopes of laws, each of which acts at one joint only,
+    are differences; those of bodies are exact, from the inertial parameters that the weights would be.
 
     Source: derivatives of the joints' axes as in Carpentier, Mansard, Robotics: Science and Systems, 2018.
     """
