@@ -80,7 +80,9 @@ def test_rare_laws_need_more() -> None:
 
 def rows(rest: Array) -> ResidualRows:
     """Rows (N, n) [N.m] of 1 N.m of torque."""
-    return ResidualRows((), cast(Any, None), rest, np.ones_like(rest), np.zeros_like(rest))
+    first = np.zeros(len(rest), dtype=np.intp)
+    still = np.zeros_like(rest)
+    return ResidualRows((), cast(Any, None), first, first, 1.0 * first, still, still, rest, 1.0 + still, still)
 
 
 def test_joints_that_are_predicted_worse_weigh_more() -> None:
@@ -151,7 +153,7 @@ def test_a_law_that_refitted_numbers_can_replace_stays(tolerated: float, stays: 
 
 @pytest.mark.parametrize(("best", "further", "found"), [(0.4, 0, 0.4), (2.5, 0, 1.0), (2.5, 4, 2.5), (-2.5, 4, -1.0)])
 def test_sizes_of_recording_laws_are_searched_outwards(best: float, further: int, found: float) -> None:
-    steps = _minimised(lambda x: float((x[0] - best) ** 2), np.zeros(1), further)
+    steps = _minimised(lambda x: float((x[0] - best) ** 2), np.zeros(1), 20, further)
     assert steps.x[0] == pytest.approx(found, abs=0.02)
 
 

@@ -188,8 +188,8 @@ def _largest_delay(data: IdentifiedData, signed: Mask) -> float:
         both = np.stack([sample.torque[kept, j], sample.slope[kept, j]])
         if len(columns) < SPARE * columns.shape[1]:
             return np.inf
-        across, size = both @ columns, np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-        inverse = np.linalg.pinv(columns.T @ columns / np.outer(size, size), 1e-10, True) / np.outer(size, size)
+        columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        across, inverse = both @ columns, np.linalg.pinv(columns.T @ columns, 1e-10, True)
         rest, late, _, slope = (both @ both.T - across @ inverse @ across.T).ravel().tolist()
         rest = max(rest, 1e-12 * float(both[0] @ both[0]), 1e-300)  # samples are rounded
         sums += abs(late) / rest, slope / rest - (2 * np.pi * band.cutoff) ** 2

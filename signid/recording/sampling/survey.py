@@ -333,7 +333,8 @@ def choose_clock(
     of the spans without the dropped: (d,) rows, which repeat a time.
     """
     rows = len(recording)
-    stamps = recording.table.read(recording.columns["t"], 0, rows)[:, 0]
+    chunks = (recording.table.read(recording.columns["t"], k, k + CHUNK)[:, 0] for k in range(0, rows, CHUNK))
+    stamps = np.concatenate(list(chunks))
     known = ~np.isnan(stamps)
     known[dropped] = False
     even = fit_even(stamps[known], clock)
