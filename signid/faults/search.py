@@ -381,9 +381,8 @@ def factor_faults(gains: Gains, robot: Robot) -> Iterator[RecordingFault]:
     middle = gains.common
     if middle != 1.0:
         unit = next((name for factor, name in UNITS.items() if abs(log(middle / factor)) < UNIT_DISTANCE), "")
-        fits = np.abs(
-            np.log(np.where((constant := robot.actuators.torque_constant) > 0, constant, np.nan) * gains.factor)
-        )
+        constant = robot.actuators.torque_constant
+        fits = np.abs(np.log(np.where(constant > 0, constant, np.nan) * gains.factor))
         guess = "their unit or the description's masses are wrong"
         if unit:
             guess = f"they seem to be in {unit}"

@@ -69,9 +69,8 @@ def select(dataset: Dataset, posterior: Posterior, skip: Sequence[str], referenc
         selection = _search(about, _with_rows(selection.posterior, new), conditions, selection)
         if time_is_up(LAW_SEARCH):
             return SearchResult(*first)
-        if (
-            len(selection.selected) > len(first[1].selected) + tuned.MAX_ADDED_LAWS
-        ):  # diverges from a wrong expansion point
+        # it diverges from a wrong expansion point
+        if len(selection.selected) > len(first[1].selected) + tuned.MAX_ADDED_LAWS:
             break
     else:
         if _names(selection) == names:

@@ -140,10 +140,8 @@ def _optimise(dataset: Dataset, option: _Option, others: _Others, each: int) -> 
     if not keys:
         return -cost(zero), known
     best = _minimised(cost, zero, each * len(zero), tuned.SIZE_ROUNDS if known.finite else 0)
-    if (
-        known.stated is not None and cost(zero) - best.value < tuned.SHAPE_CHANGE_LOG_ODDS
-    ):  # the shape is the stated one
-        return -cost(zero), known
+    if known.stated is not None and (stated_cost := cost(zero)) - best.value < tuned.SHAPE_CHANGE_LOG_ODDS:
+        return -stated_cost, known
     ends = [k for k, key in enumerate(keys) if key in WINDOW_ENDS]
     value, x = _stepped(cost, best.value, best.x, ends, dataset.pieces[0].motion.dt / tuned.WINDOW_REACH)
     return -value, hypothesis(x)

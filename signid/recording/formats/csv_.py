@@ -70,10 +70,9 @@ class Csv(Format):
                 content = re.sub(rb"[ \t]{2,}|\t", b" ", content)  # one blank for several, and none at ends of lines
                 content = content.replace(b"\n ", b"\n").replace(b" \n", b"\n").replace(b" \r\n", b"\r\n").strip(b" ")
                 rows = islice(io.BytesIO(content), layout.skip, None)
-                for number, line in enumerate(
-                    rows, layout.skip + 1
-                ):  # nobody knows which cell of a short line is missing
+                for number, line in enumerate(rows, layout.skip + 1):
                     cells, width = len(line.split()), len(layout.names)
+                    # nobody knows which cell of a short line is missing
                     if line.strip() and not line.startswith(b"#") and cells < width and b'"' not in line:
                         fault = f"has {cells} cells in line {number}, but {width} columns separated by blanks"
                         raise RecordingError(f"{path} {fault}; write nan for a missing value, or correct that line")

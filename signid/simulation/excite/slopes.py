@@ -25,10 +25,8 @@ def row_slopes(motion: Motion, laws: Sequence[Law], wanted: Sequence[Indices], w
     rigid = 10 * len(motion.robot.links)
     split = [int(np.searchsorted(columns, rigid)) for columns in wanted]
     further = [columns[k:] - rigid for columns, k in zip(wanted, split, strict=True)]
-    near = (
-        np.array([motion.q, motion.v, motion.a])[:, None]
-        + np.pad(np.diag(LAW_STEPS), ((0, 0), (1, 0)))[..., None, None]
-    )
+    shifts = np.pad(np.diag(LAW_STEPS), ((0, 0), (1, 0)))  # (3, 4): none, then one of q, v and a
+    near = np.array([motion.q, motion.v, motion.a])[:, None] + shifts[..., None, None]
     q, v, a = near.reshape(3, -1, near.shape[-1])
     found = law_rows(replace(motion, t=np.tile(motion.t, 4), q=q, v=v, a=a), laws, further)
     out = np.zeros((3, *motion.q.shape))
