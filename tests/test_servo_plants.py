@@ -14,7 +14,8 @@ from benchmarks.servo.coverage import Case, cases, intervals
 from benchmarks.servo.drive import Truth
 from benchmarks.servo.plant import record
 from benchmarks.servo.robots import Bench, benches, motion
-from benchmarks.servo_faults.trial import simulation, stated
+from benchmarks.servo_faults.faults import FAULTS
+from benchmarks.servo_faults.trial import run_trial, simulation, stated
 from signid.servo.plant import grids_of_arrays, roll_out
 
 
@@ -43,6 +44,12 @@ def test_mujoco_and_signid_agree_on_a_drive(change: dict[str, object], pendulum:
     (grid,) = grids_of_arrays(["joint"], columns["t"], columns["q_joint"], columns["q_des_joint"])
     q = roll_out(simulation(pendulum), {"joint": stated(drive)}, grid)
     assert np.sqrt(np.mean((q - grid.q)[100:] ** 2)) < 8e-3  # the speed at the start is not measured
+
+
+def test_dry_friction_beyond_the_stated_one_is_not_called_stribeck_friction(pendulum: Bench, tmp_path: Path) -> None:
+    (fault,) = (fault for fault in FAULTS if fault.name == "coulomb")
+    outcome = run_trial(pendulum, fault, 100, tmp_path)
+    assert outcome.first == "coulomb_friction" and outcome.probability > 0.9
 
 
 @pytest.mark.slow

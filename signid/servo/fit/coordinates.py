@@ -47,7 +47,7 @@ KINDS = {
     "profile_speed": LIMIT,
     "delay": Kind(logarithmic=False, longest=0.05, difference=1.0),
     "torque_offset": SIGNED,
-    "stribeck_velocity": POSITIVE,
+    "stribeck_velocity": POSITIVE._replace(high=1.0),  # beyond the rms speed it is Coulomb friction
     "position_phase": SIGNED,
     "spring_rest": SIGNED,
     "encoder_offset": SIGNED,
