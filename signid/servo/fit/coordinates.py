@@ -23,6 +23,7 @@ MAX_TYPICAL_RATIO = 100.0  # number over its typical size
 SPREAD = 1.5  # standard deviation of the logarithm of a kp over its usual size: a scale that nothing sets stays
 CENTRE = 0.1  # [m] standard deviation of the centre of a body about the last link
 DIFFERENCE = 0.01  # difference over the number
+LONGEST_PERIOD = 0.2  # [s] sqrt(armature / kp): from a measured state, a heavier rotor coasts along any smooth motion
 AT_BOUND = 1e-6  # distance of a coordinate from its bound, over its size, below which it is there
 
 
@@ -159,6 +160,15 @@ class Coordinates:
         """Values (P,) of coordinates x (P,) [logarithms or SERVO_UNITS]."""
         each = zip(x, self.slots, strict=True)
         return np.array([max(np.exp(z) - s.soft, 0.0) if s.kind.logarithmic else z for z, s in each])
+
+    def room(self, values: Array) -> tuple[Array, Array]:
+        """Least and largest coordinates (P,) about values (P,) [SERVO_UNITS], by which a rotor follows its loop."""
+        low, high = np.array([(slot.low, slot.high) for slot in self.slots]).reshape(-1, 2).T
+        drives = self.at(values).servos
+        for k, slot in enumerate(self.slots):
+            if slot.number == "armature" and slot.bounds is None and slot.joint >= 0:
+                high[k] = min(high[k], np.log(drives[slot.joint].kp * LONGEST_PERIOD**2 + slot.soft))
+        return low, high
 
     def slope(self, values: Array) -> Array:
         """dz/dx (P,) at values (P,) [SERVO_UNITS]."""

@@ -379,7 +379,8 @@ def damped(where: Coordinates, here: Normal, values: Array, damping: float) -> A
     ratios = where.ratios(values)
     size = np.diag(ratios.T @ information @ ratios) + 1e-12
     back = np.linalg.inv(ratios)
-    low, high, longest = np.array([(s.low, s.high, s.longest) for s in where.slots]).reshape(-1, 3).T
+    low, high = where.room(values)
+    longest = np.array([slot.longest for slot in where.slots])
     room = low - x, np.maximum(high - x, 0.0)
     dx = _bounded(information + damping * back.T @ (size[:, None] * back), gradient, room, longest)
     return where.values_at(np.clip(x + dx, low, np.maximum(high, x)))

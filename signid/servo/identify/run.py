@@ -70,7 +70,6 @@ LINEAR_LAWS = ("effort", "duty")  # the same law while nothing saturates
 FIRST_STEPS, LATER_STEPS = 4, 6  # most iterations from a fit with one number less, before it promises something, then
 PROMISING = 0.995  # error on the training data after the first of them, over that without the number
 RETRY_RATIO = 3.0  # residual over that of a joint that is alike by name, from which its numbers are tried
-FOLLOWING_PHASE = 4.0  # [rad] of the undamped loop in a window, below which it does not follow
 LIGHT_PERIOD = 0.03  # [s] sqrt(armature / kp) of a light rotor
 LIMIT_ERROR_RATIO = 0.15  # residual over the error of the loop from which limits are tried before friction
 
@@ -362,10 +361,9 @@ def search(by: ServoProblem) -> ServoTrial:
     """Choose laws of joints that no drive without limits explains, load friction, other laws, and other numbers."""
     by.say("fitting servos without limits", 0.1)
     free_laws = [joint for joint in by.start.servos if joint not in by.assumptions.laws]
-    base = replace(by.fit(by.start), laws=dict.fromkeys(free_laws, dict.fromkeys(LINEAR_LAWS, 1 / len(LINEAR_LAWS))))
+    base = replace(_fit_starts(by), laws=dict.fromkeys(free_laws, dict.fromkeys(LINEAR_LAWS, 1 / len(LINEAR_LAWS))))
     if not by.searched.folds:
         return base
-    base = _lightened(by, base)
     suspects = by.saturating()
     large = [joint for joint in suspects if base.residual[joint] > LIMIT_ERROR_RATIO * loop_error(by.searched, joint)]
     loose = by.near(large)
@@ -390,20 +388,15 @@ def search(by: ServoProblem) -> ServoTrial:
     return replace(by.shorten(base) if base.candidate.window else by.lengthen(base), laws=base.laws)
 
 
-def _lightened(by: ServoProblem, base: ServoTrial) -> ServoTrial:
-    """Fit joints again whose rotors are so heavy that the loop cannot follow within a window, from light ones.
-
-    From a measured state a heavy rotor coasts along any smooth motion, so short windows fit; whole recordings do not.
-    """
-    window, drives = by.options.window, base.candidate.servos
-    heavy = [joint for joint, servo in drives.items() if servo.armature > servo.kp * (window / FOLLOWING_PHASE) ** 2]
-    if not heavy:
-        return base
-    light = {j: by.start.servos[j].with_(armature=by.start.servos[j].kp * LIGHT_PERIOD**2) for j in heavy}
-    near = by.near(heavy)
-    new = by.score(by.fit(by.start.changed(light).only(near)), near)
-    base = by.score(base, near)
-    return base.with_joints(new) if improved(base, new, heavy) else base
+def _fit_starts(by: ServoProblem) -> ServoTrial:
+    """Best fit from the drives of regression and from the same with light rotors: a heavy one coasts into a valley."""
+    drives, free = by.start.servos, set(by.start.free)
+    light = {
+        j: servo.with_(armature=servo.kp * LIGHT_PERIOD**2) for j, servo in drives.items() if (j, "armature") in free
+    }
+    light = {j: servo for j, servo in light.items() if servo.armature < drives[j].armature}
+    starts = (by.start, by.start.changed(light)) if light else (by.start,)
+    return min(map(by.fit, starts), key=lambda trial: sum(map(np.log, trial.residual.values())))
 
 
 def _like_others(by: ServoProblem, base: ServoTrial) -> ServoTrial:
