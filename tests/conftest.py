@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
 import sys
@@ -13,6 +14,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before anything imports nu
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 sys.dont_write_bytecode = False  # else every worker and every command in a process of its own compiles all anew
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+ROOT = Path(__file__).resolve().parents[1]  # a loop that Numba keeps is not compiled again where what it calls changes
+STAMP = hashlib.sha256(b"".join(path.read_bytes() for path in sorted((ROOT / "signid" / "servo").rglob("*.py"))))
+os.environ.setdefault("NUMBA_CACHE_DIR", str(ROOT / ".pytest_cache" / f"numba-{STAMP.hexdigest()[:12]}"))
 os.environ.pop("SIGNID_DEBUG", None)  # else mistakes of a user are tracebacks
 
 import pytest  # noqa: E402

@@ -199,17 +199,15 @@ def advance_speeds(state, mass, h):  # type: ignore[no-untyped-def]
     """Advance the speeds by h in place: (mass + armature) dv/dt = torque - damping v - friction sign v.
 
     mass (n, n). The factor is kept while `state.of` allows it: set its first entry to 0 where the mass changes.
-    Damping acts by the trapezium rule, or as far implicitly as a speed that it stops at once does not turn.
     """
     v, right, act, inertia = state.v, state.right, state.act, state.inertia
     n = len(v)
     for i in range(n):
-        damping = h * act[1, i]
-        implicit = max(0.5 * damping, damping - state.armature[i] - mass[i, i])
-        total = (state.armature[i] + implicit - damping) * v[i] + h * (act[0, i] - state.loads[i])
+        half = 0.5 * h * act[1, i]
+        total = (state.armature[i] - half) * v[i] + h * (act[0, i] - state.loads[i])
         for j in range(n):
             total += mass[i, j] * v[j]
-        right[i], inertia[i] = total, state.armature[i] + implicit
+        right[i], inertia[i] = total, state.armature[i] + half
     if n > 1 and slide(state, mass, h):
         return
     for _ in range(SWEEPS):
