@@ -87,7 +87,7 @@ def _joint(sample: RowSample, j: int, seen: Sequence[Indices], value: Array, var
         x,
         sample.torque[here, j] - load,
         sample.slope[here, j],
-        {k: np.float32(signal / max(float(np.std(signal)), 1e-300)) for k, signal in state.items() if len(signal)},
+        {k: (x / max(float(np.std(x)), 1e-300)).astype(np.float32) for k, x in state.items() if len(x)},
         list(_near_rows(np.asarray(sample.number[here] * sample.period), max(NOISE_TIME, NOISE_ROWS * sample.period))),
         weight,
         turn,
@@ -361,10 +361,8 @@ def _autocovariances(
     """
     grams = _plain_gram(joint.grams, columns)  # (d, m + 1, m + 1)
     c, part, lags = np.append(-solution.value[columns], 1.0), np.ix_(columns, columns), len(grams)
-    forward, given = np.tensordot(
-        [solution.inverse[part] / old[0], covariance[part]], grams[:, :-1, :-1], ((1, 2), (1, 2))
-    )
-    both = np.concatenate([forward[:0:-1], forward])  # trace at lags -(lags - 1) .. lags - 1
+    traces, given = np.tensordot([solution.inverse[part], covariance[part]], grams[:, :-1, :-1], ((1, 2), (1, 2)))
+    both = np.concatenate([traces[:0:-1], traces]) / old[0]  # trace at lags -(lags - 1) .. lags - 1
     colour = np.concatenate([old[:0:-1], old])
     taken = 2 * np.convolve(colour, both)[2 * (lags - 1) :][:lags]
     r = (grams @ c @ c + taken - given) / np.maximum(joint.counts, 1)
