@@ -35,7 +35,7 @@ def pack(matrix: Array) -> Array:
 
 def unpack(packed: Array) -> Array:
     """Symmetric matrices (n, 4, 4) from ten coordinates each: packed (10 n,) or (n, 10) [any]."""
-    return np.asarray(np.tensordot(packed.reshape(-1, 10), BASIS, 1))
+    return np.asarray((packed.reshape(-1, 10) @ BASIS.reshape(10, 16)).reshape(-1, 4, 4))
 
 
 def congruence(factor: Array) -> Array:
@@ -43,15 +43,6 @@ def congruence(factor: Array) -> Array:
     flat = BASIS.reshape(10, 16)
     kronecker = np.einsum("nik,njl->nijkl", factor, factor).reshape(-1, 16, 16)
     return np.asarray(flat @ kronecker @ flat.T)
-
-
-def diagonal(blocks: Array, rest: Array) -> Array:
-    """Block-diagonal matrix (10 n + k, 10 n + k) of blocks (n, 10, 10) [any] and single entries rest (k,) [any]."""
-    bodies = 10 * len(blocks)
-    matrix = np.diag(np.concatenate([np.zeros(bodies), rest]))
-    for i, block in zip(range(0, bodies, 10), blocks, strict=True):
-        matrix[i : i + 10, i : i + 10] = block
-    return matrix
 
 
 TO_INERTIAL: Array = np.linalg.inv(np.column_stack([pack(pseudo_inertia(e)) for e in np.eye(10)]))
@@ -161,8 +152,8 @@ class FeasibleProblem(Frozen):
 
     def parts(self, u: Array) -> list[Array]:
         """Matrices S of the bodies (n, 4, 4), positive coefficients, other coefficients of u (d,) [1]."""
-        bodies, *rest = np.split(u, self.bounds)
-        return [unpack(bodies), *rest]
+        one, two = self.bounds
+        return [unpack(u[:one]), u[one:two], u[two:]]
 
     @property
     def start(self) -> Array:
@@ -210,7 +201,10 @@ def build_feasible(base: BaseMap, estimate: Estimate, prior: Parameters, weight:
     must = slice(*bounds)
     size[must] = np.where(stated[must] > 0, stated[must], size[must])
     bodies = np.array([pseudo_inertia(x) for x in stated[: bounds[0]].reshape(-1, 10)]).reshape(-1, 4, 4)
-    transform = diagonal(TO_INERTIAL @ congruence(np.asarray(np.linalg.cholesky(bodies))), size[bounds[0] :])
+    transform = np.diag(np.r_[np.zeros(bounds[0]), size[bounds[0] :]])
+    maps = TO_INERTIAL @ congruence(np.asarray(np.linalg.cholesky(bodies)))
+    for i, block in zip(range(0, bounds[0], 10), maps, strict=True):
+        transform[i : i + 10, i : i + 10] = block
     offset = np.r_[np.zeros(bounds[1]), stated[bounds[1] :]]
     root, columns = information_root(estimate.information), base.combination[:, seen]
     target = root @ (estimate.value - columns @ offset)
@@ -230,9 +224,10 @@ _ZERO_DISTANCE = 1e-3  # [standard deviations] distance from the estimate that c
 _MAX_DISTANCE_RATIO = 0.7  # [1] largest remaining share of the distance after the prior's weight is divided by ten
 _TRACE_MARGIN = 1e-9  # [1] margin of a pseudo-inertia over its trace: it stays feasible when written with nine digits
 _MAX_SHARPNESS = 1e5  # [standard deviations per prior size] largest singular value that the interior-point solver gets
-_WEIGHT_FACTOR = 5.0  # [1] factor between successive weights of the prior
+_WEIGHT_FACTOR = 25.0  # [1] factor between successive weights of the prior
 _MAX_NEWTON_STEPS = 25  # largest number of Newton steps per weight
 _FIT_NAME = "the fit of feasible inertials"
+_ROUNDING = 1e-16  # [1] rounding error over the largest number
 _MAX_DECREMENT = 1e-6  # [1] squared decrement at which a minimiser has converged
 
 
@@ -336,7 +331,7 @@ def trace_path(problem: FeasibleProblem, heavier: float) -> Array | None:
     u = problem.start
     for eased in _eased_problems(problem, heavier):
         u = polish(eased, u, steps=_MAX_NEWTON_STEPS, precision=0.1, exact=False)
-        if _newton(eased, u, exact=False)[1] > 1 or time_is_up(_FIT_NAME):
+        if time_is_up(_FIT_NAME):
             return None
     u = polish(problem, polish(problem, u, steps=_MAX_NEWTON_STEPS, exact=False))
     return u if _newton(problem, u)[1] < _MAX_DECREMENT else None
@@ -369,7 +364,9 @@ def polish(problem: FeasibleProblem, u: Array, steps: int = 30, precision: float
     """
     cost = problem.cost(u)
     for _ in range(steps):
-        step, _ = _newton(problem, u, exact)
+        step, decrement = _newton(problem, u, exact)
+        if decrement * problem.weight < _ROUNDING * cost:
+            return u
         trials = (u + step * 0.5**k for k in range(30))
         better = next(((x, trial) for trial in trials if (x := problem.cost(trial)) < cost), None)
         if better is None:
@@ -385,18 +382,21 @@ def _newton(problem: FeasibleProblem, u: Array, exact: bool = True) -> tuple[Arr
     # In coordinates in which the Hessian of the prior's penalty is the identity, the step is a ridge regression.
     bodies, sizes, rest = problem.parts(u)
     factors = np.asarray(np.linalg.cholesky(bodies), dtype=np.float64)
-    metric = diagonal(congruence(factors), np.r_[sizes, np.ones(len(rest))])
+    metric, (n, one), others = congruence(factors), (len(bodies), 10 * len(bodies)), np.r_[sizes, np.ones(len(rest))]
     wish = np.r_[(IDENTITY - pack(np.swapaxes(factors, 1, 2) @ factors)).ravel(), 1 - sizes, -rest]
-    matrix, off = problem.matrix @ metric, problem.target - problem.matrix @ u
+    blocks = problem.matrix[:, :one].reshape(-1, n, 10).swapaxes(0, 1) @ metric
+    matrix = np.hstack([blocks.swapaxes(0, 1).reshape(-1, one), problem.matrix[:, one:] * others])
+    off = problem.target - problem.matrix @ u
     gap = off - matrix @ wish
     if exact:
-        left, s, right = np.linalg.svd(matrix, full_matrices=False)
-        further = right.T @ (s / (s**2 + problem.weight / 2) * (left.T @ gap))
+        basis, factor = np.linalg.qr(np.vstack([matrix.T, (problem.weight / 2) ** 0.5 * np.eye(len(gap))]))
+        further = basis[: len(u)] @ np.linalg.solve(factor.T, gap)
     else:  # normal equations are several times faster and less accurate
         normal = matrix @ matrix.T + problem.weight / 2 * np.eye(len(gap))
         further = matrix.T @ np.linalg.solve(normal, gap)
     step = wish + further
-    return metric @ step, float(2 * off @ (matrix @ step) / problem.weight + wish @ step)
+    whole = np.r_[(metric @ step[:one].reshape(n, 10, 1)).ravel(), others * step[one:]]
+    return whole, float(2 * off @ (matrix @ step) / problem.weight + wish @ step)
 
 
 def _solve_interior(problem: FeasibleProblem) -> tuple[Array | None, str]:

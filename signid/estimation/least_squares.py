@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..regression.factors import Factors, JointFactors, RowSample
 from ..types import Array, BaseMap, Estimate, Indices, Mask
@@ -19,7 +20,7 @@ NOISE_TIME, NOISE_ROWS = 0.6, 6.0  # [s], [rows] distance in time from which on 
 VARIANCE_REDUCTION = 1.0  # [standard errors under noise] subtracted from each variance
 MIN_JOINT_ROWS = 10  # smallest number of rows of a joint
 MIN_VARIANCE = 1e-100  # [N2.m2 or N2] of noise, of a torque without any; products of its inverse are finite
-BLOCK_ROWS = 32  # rows of which those that are close in time are taken together
+BLOCK_ROWS = 64  # rows of which those that are close in time are taken together
 # Relative standard deviation of friction between recordings. Measured on joints 4 to 6 of a UR10e, five recordings
 # within three weeks, variance of noise subtracted (data: Mamedov, Mikhel, Frontiers in Robotics and AI 7, 2020). Their
 # residuals show almost no discrepancy: one recording alone cannot show this change. Temperature is the likely cause.
@@ -44,7 +45,7 @@ class _Joint(NamedTuple):
     x: Array  # (K', m) [torque per unit of base]
     rest: Array  # (K',) residual [N.m or N]
     slope: Array  # (K',) derivative of the torque [N.m/s or N/s]
-    state: dict[str, Array]  # (K',) each, in standard deviations
+    state: dict[str, NDArray[np.float32]]  # (K',) each, in standard deviations
     close: list[tuple[slice, slice, Mask]]  # rows, the others that may be close in time, and whether they are
     weight: float  # weight of a row of the sample [1/N2.m2]
     turn: Array  # (m, m) of x onto `taken`
@@ -86,7 +87,7 @@ def _joint(sample: RowSample, j: int, seen: Sequence[Indices], value: Array, var
         x,
         sample.torque[here, j] - load,
         sample.slope[here, j],
-        {name: signal / max(float(np.std(signal)), 1e-300) for name, signal in state.items() if len(signal)},
+        {k: (x / max(float(np.std(x)), 1e-300)).astype(np.float32) for k, x in state.items() if len(x)},
         list(_near_rows(np.asarray(sample.number[here] * sample.period), max(NOISE_TIME, NOISE_ROWS * sample.period))),
         weight,
         turn,
@@ -107,23 +108,18 @@ def _process_covariance(joint: _Joint) -> tuple[Array, float]:
     """Covariance (m, m) of the normal equations' right-hand side due to discrepancy; its variance [N2.m2 or N2]."""
     spread, size = np.zeros((len(joint.columns),) * 2), 0.0
     signals, projected = (np.column_stack([x, joint.rest]) for x in (joint.x, joint.taken))
-    single = {name: _process_correlation(state) for name, state in joint.state.items()}
+    single = {name: np.subtract.outer(x, x) for name, x in joint.state.items()}
+    for like in single.values():  # correlations (K, K); samples have single precision as well
+        np.exp(np.multiply(np.square(like, out=like), -0.5 / CORRELATION_LENGTH**2, out=like), out=like)
+    single_signals = signals.astype(np.float32)
     for names in PROCESS_STATES:
         like = single[names] if len(names) == 1 else single[names[0]] * single[names[1]]
-        reach = like @ signals
+        reach = (like @ single_signals).astype(np.float64)
         right = joint.x.T @ reach[:, :-1]
         variance = _process_variance(joint, like, reach, right, projected)
         spread += variance * joint.weight**2 * right
         size += variance
     return spread, size
-
-
-def _process_correlation(state: Array) -> Array:
-    """Correlation (K, K) of a process at K states (K,), in standard deviations."""
-    like = state[:, None] - state
-    like *= like
-    like *= -0.5 / CORRELATION_LENGTH**2
-    return np.exp(like, out=like)
 
 
 def _process_variance(joint: _Joint, like: Array, reach: Array, right: Array, projected: Array) -> float:
@@ -329,10 +325,8 @@ def _positive_definite(covariance: Array, white: Array) -> Array:
 
 def _sum_covariance(joint: JointFactors, r: Array) -> Array:
     """Covariance (c, c) of the weighted sums of rows times noise of autocovariance r."""
-    out = joint.grams[0] / r[0]
-    for d in np.flatnonzero(r[1:]) + 1:
-        out = out + r[d] / r[0] / r[0] * (joint.grams[d] + joint.grams[d].T)
-    return np.asarray(out)
+    lagged = np.tensordot(r[1:] / r[0] / r[0], joint.grams[1:], 1)
+    return np.asarray(joint.grams[0] / r[0] + lagged + lagged.T)
 
 
 def _model_noise(
@@ -367,13 +361,11 @@ def _autocovariances(
     """
     grams = _plain_gram(joint.grams, columns)  # (d, m + 1, m + 1)
     c, part, lags = np.append(-solution.value[columns], 1.0), np.ix_(columns, columns), len(grams)
-    forward = (solution.inverse[part] * grams[:, :-1, :-1]).reshape(lags, -1).sum(axis=1) / old[0]
-    both = np.concatenate([forward[:0:-1], forward])  # trace at lags -(lags - 1) .. lags - 1
+    traces, given = np.tensordot([solution.inverse[part], covariance[part]], grams[:, :-1, :-1], ((1, 2), (1, 2)))
+    both = np.concatenate([traces[:0:-1], traces]) / old[0]  # trace at lags -(lags - 1) .. lags - 1
     colour = np.concatenate([old[:0:-1], old])
     taken = 2 * np.convolve(colour, both)[2 * (lags - 1) :][:lags]
-    given = (covariance[part] * grams[:, :-1, :-1]).reshape(lags, -1).sum(axis=1)
-    found = np.array([c @ gram @ c for gram in grams]) + taken - given
-    r = found / np.maximum(joint.counts, 1)
+    r = (grams @ c @ c + taken - given) / np.maximum(joint.counts, 1)
     r[0] = max(r[0], _min_noise_share(joint, columns) * grams[0][-1, -1] / max(joint.counts[0], 1), 1e-300)
     return np.asarray(r)
 

@@ -209,7 +209,9 @@ def choose_band(pieces: Sequence[Samples], rate: float, cutoff: float | None = N
     allowed, noise = spectrum.allowed, spectrum.level
     widest = min(float(np.min(allowed)), rate / MIN_CUTOFF_SAMPLES)
     needed = max(DESIRED_CUTOFF, MAX_CUTOFF_RATIO * spectrum.content(widest))
-    level = np.nanmedian([_white_level(piece.tau, rate) for piece in pieces], axis=0)
+    # white torque noise: third differences of smooth torque are small, and jumps do not change their median
+    jumps = np.array([np.median(np.abs(np.diff(np.nan_to_num(x.tau), 3, axis=0)), axis=0) for x in pieces]) / 0.6745
+    level = np.nanmedian(jumps**2 / 20 / (rate / 2), axis=0)  # (n,) [N2.m2/Hz], one-sided
     if cutoff is not None and np.isinf(cutoff):
         return Band(rate, 1, False, allowed, _speed_noise(noise, rate / 2), np.sqrt(level * rate / 2))
     factor = max(1, ceil(rate / (2 * (min(widest, needed) if cutoff is None else cutoff)) - 1e-9))
@@ -274,12 +276,3 @@ def _acceleration_spectrum(pieces: Sequence[Array], rate: float) -> _Acceleratio
 def _speed_noise(level: Array, fastest: float) -> Array:
     """Standard deviation (n,) of the velocity for white position noise that is differentiated up to a frequency."""
     return np.asarray(np.sqrt(level * (2 * np.pi) ** 2 * fastest**3 / 3))
-
-
-def _white_level(tau: Array, rate: float) -> Array:
-    """One-sided spectrum (n,) of white torque noise [N2.m2/Hz], 0 where torque is not recorded.
-
-    It is the median size of third differences: smooth torque has small ones, and jumps do not change the median.
-    """
-    size = np.median(np.abs(np.diff(np.nan_to_num(tau), 3, axis=0)), axis=0) / 0.6745
-    return np.asarray(size**2 / 20 / (rate / 2))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import repeat
 from typing import Any, NamedTuple
 
@@ -369,10 +369,16 @@ def _wanted_bodies(motion: Motion, wanted: Sequence[Indices]) -> _Bodies:
     if not len(motion) or not moves[np.concatenate(wanted) // 10].all():
         moves[:] = True
     kept = [span for span, moving in zip(spans, moves, strict=True) if moving]
-    slim = model if moves.all() else weld(model, [int(k) + 1 for k in np.flatnonzero(~moves)], q[0])
+    slim = model if moves.all() else _welded(motion.robot, tuple((np.flatnonzero(~moves) + 1).tolist()))
     places = np.concatenate([np.arange(q0, q0 + nq) for q0, nq, _, _ in kept])
     rows = np.concatenate([np.arange(v0, v0 + nv) for _, _, v0, nv in kept])
     return _Bodies(slim, (q[:, places], v[:, rows], a[:, rows]), rows, np.flatnonzero(np.repeat(moves, 10)))
+
+
+@lru_cache(maxsize=4)
+def _welded(robot: Robot, held: tuple[int, ...]) -> Any:
+    """Model whose joints `held`, counted from 1, are merged with their parents; every window uses it."""
+    return weld(robot.model, held, configuration(robot, np.zeros(len(robot.joints))))
 
 
 def _rigid_blocks(part: _Bodies, places: Indices, size: int) -> Iterator[Array]:
