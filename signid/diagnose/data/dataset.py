@@ -207,12 +207,7 @@ class Whitened(Frozen):
 
     def rows(self, group: Group) -> list[int]:
         """Joints on which a group acts."""
-        return self._rows[group.start]
-
-    @cached_property
-    def _rows(self) -> list[list[int]]:
-        """For each column, the joints that have it."""
-        return [np.flatnonzero(at >= 0).tolist() for at in self.at.T]
+        return (self.at[:, group.start] >= 0).nonzero()[0].tolist()
 
     def raw(self, joint: int, group: Group) -> Array:
         """(M', size) [torque per coefficient] columns of a group on one joint before whitening; zero if it has none."""

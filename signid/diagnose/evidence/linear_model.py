@@ -72,12 +72,12 @@ class LinearModel(Frozen):
     @cached_property
     def coefficient_priors(self) -> dict[Group, CoefficientPrior | None]:
         """Coefficient prior of every hypothesis; None if its columns are zero."""
-        return {group: self._coefficient_prior(group) for group in self.data.groups if group.hypothesis is not None}
-
-    @cached(np.inf)
-    def _coefficient_prior(self, group: Group) -> CoefficientPrior | None:
-        torque = {j: self.data.raw(j, group) for j in self.data.rows(group)}
-        return coefficient_prior(group.claim, mean_products(torque, self.data.scale))
+        known = self.cache.setdefault("coefficient_priors", {})
+        claims = [group for group in self.data.groups if group.hypothesis is not None]
+        for group in (group for group in claims if group not in known):
+            torque = {j: self.data.raw(j, group) for j in self.data.rows(group)}
+            known[group] = coefficient_prior(group.claim, mean_products(torque, self.data.scale))
+        return {group: known[group] for group in claims}
 
     @cached(64)
     def fit(self, selected: Sequence[Group], dispersion: Array, prior_scale: float) -> Fitted:
@@ -197,9 +197,8 @@ class LinearModel(Frozen):
     @cached(32)
     def _square(self, component: Component) -> Gram:
         """Products of the fitted columns of a component with each other."""
-        which = columns_of(component.groups)
-        rows = zip(component.joints, self._rows(component, which), strict=True)
-        return tuple(Block(here, here, x[:, self.data.at[joint, which[here]]]) for joint, (here, x) in rows)
+        chosen = [self.data.chosen(joint, columns_of(component.groups)) for joint in component.joints]
+        return tuple(Block(here := np.flatnonzero(mask), here, x.T @ x) for mask, x in chosen)
 
     def _rows(self, component: Component, which: Indices) -> Iterator[tuple[Indices, Array]]:
         """For each joint, its positions (a,) among columns (k,), and their products with all its columns (a, m)."""
