@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -114,6 +114,7 @@ class Whitened(Frozen):
     torque: tuple[Array, ...]  # per joint (N, m_j) [torque per coefficient] columns before whitening
     scale: Array  # (n,) [N.m or N] rms torque
     floor: Array  # (n,) [N.m or N] rms of the noise
+    priors: dict[Group, Any] = field(default_factory=dict)  # coefficient priors, the same for any noise
 
     def __len__(self) -> int:
         return int(self.residual.shape[1])
@@ -246,6 +247,7 @@ def whitened(table: RowTable, noise: Noise) -> Whitened:
         torque=table.columns,
         scale=table.scale,
         floor=noise.floor,
+        priors=table.priors,
     )
 
 

@@ -72,7 +72,7 @@ class LinearModel(Frozen):
     @cached_property
     def coefficient_priors(self) -> dict[Group, CoefficientPrior | None]:
         """Coefficient prior of every hypothesis; None if its columns are zero."""
-        known = self.cache.setdefault("coefficient_priors", {})
+        known = self.data.priors
         claims = [group for group in self.data.groups if group.hypothesis is not None]
         for group in (group for group in claims if group not in known):
             torque = {j: self.data.raw(j, group) for j in self.data.rows(group)}
