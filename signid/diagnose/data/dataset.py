@@ -9,7 +9,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dtrtrs
 
 from ...errors import RecordingError
 from ...model import Model
@@ -265,11 +265,11 @@ class Factor(NamedTuple):
 
     def forward(self, rows: Array) -> Array:
         """(f, m) [1 per coefficient] forward substitution lower^-1 rows; rows (f, m) [1 per coefficient, squared]."""
-        return np.asarray(solve_triangular(self.lower, rows / self.size[:, None], lower=True))
+        return np.asarray(dtrtrs(self.lower.T, rows / self.size[:, None], trans=1)[0] if len(rows) else rows)
 
     def backward(self, below: Array) -> Array:
         """(f, m) [unit of each coefficient] back substitution lower^-T below; below (f, m) [1]."""
-        return np.asarray(solve_triangular(self.lower, below, lower=True, trans="T") / self.size[:, None])
+        return np.asarray(dtrtrs(self.lower.T, below)[0] / self.size[:, None] if len(below) else below)
 
 
 class Fitted(NamedTuple):
@@ -341,9 +341,9 @@ def solve(which: Indices, gram: Array, right: Array, precision: Array) -> Fitted
     whole = gram + precision
     size = np.asarray(np.sqrt(np.diag(whole)))
     lower = _cholesky(whole / size / size[:, None])
-    forward_right = np.asarray(solve_triangular(lower, right / size, lower=True))
-    half = np.linalg.slogdet(precision)[1] / 2 - float(np.sum(np.log(np.diag(lower)) + np.log(size)))
     factor = Factor(np.arange(len(which)), lower, size)
+    forward_right = factor.forward(right[:, None])[:, 0]
+    half = np.linalg.slogdet(precision)[1] / 2 - float(np.sum(np.log(np.diag(lower)) + np.log(size)))
     return Fitted(which, (factor,), forward_right, float(forward_right @ forward_right) / 2 + half)
 
 

@@ -147,7 +147,7 @@ class Evidence(LinearModel):
             right.append(beside[across])
         return ComponentFactors(np.concatenate(factors), own, right)
 
-    @cached(8, appendable=False)
+    @cached(10, appendable=False)
     def _complement(self, component: Component, dispersion: Array, prior_scale: float) -> Complement:
         """Schur complement of all fitted columns of a component, which is large."""
         fit, seen, own = self.part(component, dispersion, prior_scale), self._view(component.joints), list[Array]()
@@ -275,7 +275,7 @@ def log_bayes_factor(priors: StackedPriors, own: Array, right: Array) -> Array:
     right (..., g, d) [1 per coefficient] is z = S'y - S'F (F'F + L)^-1 F'y.
     """
     factor, mean = priors.covariance_factor, priors.mean
-    values, vectors = _eigen(factor.transpose(0, 2, 1) @ own @ factor)
+    values, vectors = np.linalg.eigh(factor.transpose(0, 2, 1) @ own @ factor)
     w = np.maximum(values, 0)  # (g, d)
     z = np.einsum("gij,...gi->...gj", vectors, np.einsum("gij,...gi->...gj", factor, right) + mean)[..., None, :]
     f2 = np.where(np.any(mean, axis=1, keepdims=True), 1.0, tuned.EFFECT_SIZES)[:, :, None] ** 2  # (g, sizes, 1)
@@ -287,17 +287,6 @@ def log_bayes_factor(priors: StackedPriors, own: Array, right: Array) -> Array:
     s = np.sqrt(np.maximum(np.sum(row**2 * (f2 / fw)[one], axis=-1), 1e-300))
     log[..., one, :] += np.log(2) + log_ndtr(m / s)
     return np.asarray(np.logaddexp.reduce(log, axis=-1) - np.sum(mean**2, axis=1) / 2 - np.log(len(tuned.EFFECT_SIZES)))
-
-
-def _eigen(square: Array) -> tuple[Array, Array]:
-    """Eigenvalues (g, d) and vectors (g, d, d) of symmetric matrices; up to 2 x 2, as most are, by one rotation."""
-    if (size := square.shape[1]) != 2:
-        return (square[:, 0], np.ones_like(square)) if size == 1 else np.linalg.eigh(square)
-    x, y, z = square[:, 0, 0], square[:, 1, 0], square[:, 1, 1]
-    angle = np.arctan2(2 * y, x - z) / 2
-    c, s = np.cos(angle), np.sin(angle)
-    across, vectors = 2 * c * s * y, np.array([[c, -s], [s, c]])
-    return np.column_stack([c**2 * x + s**2 * z + across, s**2 * x + c**2 * z - across]), np.moveaxis(vectors, 2, 0)
 
 
 def _batch(data: Whitened, priors: Mapping[Group, CoefficientPrior | None], which: Indices) -> Batch:

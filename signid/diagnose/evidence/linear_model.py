@@ -72,12 +72,11 @@ class LinearModel(Frozen):
     @cached_property
     def coefficient_priors(self) -> dict[Group, CoefficientPrior | None]:
         """Coefficient prior of every hypothesis; None if its columns are zero."""
-        known = self.data.priors
         claims = [group for group in self.data.groups if group.hypothesis is not None]
-        for group in (group for group in claims if group not in known):
+        for group in (group for group in claims if group not in self.data.priors):
             torque = {j: self.data.raw(j, group) for j in self.data.rows(group)}
-            known[group] = coefficient_prior(group.claim, mean_products(torque, self.data.scale))
-        return {group: known[group] for group in claims}
+            self.data.priors[group] = coefficient_prior(group.claim, mean_products(torque, self.data.scale))
+        return {group: self.data.priors[group] for group in claims}
 
     @cached(64)
     def fit(self, selected: Sequence[Group], dispersion: Array, prior_scale: float) -> Fitted:
@@ -111,13 +110,13 @@ class LinearModel(Frozen):
         joints_of = {one: tuple(j for j, other in enumerate(label) if other == one) for one in sorted(set(label))}
         return tuple(Component(own, within(refitted, one), within(selected, one)) for one, own in joints_of.items())
 
-    @cached(256)
+    @cached(128)
     def part(self, component: Component, dispersion: Array, prior_scale: float) -> Fitted:
         """Fit of one connected component of m joints; dispersion (m,) [1]."""
         which = columns_of(component.groups)
         gram = total(self._square(component), dispersion, (len(which),) * 2)
         right = (self.data.right[list(component.joints)][:, which] / dispersion[:, None]).sum(0)
-        return solve(which, gram, right, self._precision(component.groups, np.diag(gram), prior_scale))
+        return solve(which, gram, right, self.precision(component.groups, np.diag(gram), prior_scale))
 
     @cached(4, appendable=False)
     def across(self, component: Component, dispersion: Array) -> Array:
@@ -135,11 +134,8 @@ class LinearModel(Frozen):
         """Nuisance terms; inertial parameters only if the prior scale is above zero."""
         return [group for group in self.data.refitted if prior_scale > 0 or not group.bodies]
 
-    def precision(self, selected: Sequence[Group], diagonal: Array, prior_scale: float) -> Array:
+    def precision(self, groups: Sequence[Group], diagonal: Array, prior_scale: float) -> Array:
         """(k, k) prior precision L of fitted coefficients; diagonal (k,) of the Gram [1 per coefficient, squared]."""
-        return self._precision([*self.refitted(prior_scale), *selected], diagonal, prior_scale)
-
-    def _precision(self, groups: Sequence[Group], diagonal: Array, prior_scale: float) -> Array:
         out = self.prior_precision(groups, prior_scale)
         flat = np.flatnonzero([np.isinf(x) for group in groups for x in group.deviation])
         out[flat, flat] += FLAT_PRECISION * np.maximum(diagonal[flat], 1e-12)
