@@ -158,8 +158,7 @@ class Likelihood(Frozen):
             gram[np.ix_(place, place)] += own.gram[np.ix_(here, here)]
             right[place] += own.right[here]
             log += own.log
-        groups = [*evidence.refitted(selection.prior_scale), *selection.selected]
-        precision = evidence.precision(groups, np.diag(gram), selection.prior_scale)
+        precision = evidence.precision(selection.selected, np.diag(gram), selection.prior_scale)
         return log + solve(which, gram, right, precision).log_evidence
 
     def _terms(self, joint: int, whitening: Whitening) -> _Terms:

@@ -116,7 +116,7 @@ class LinearModel(Frozen):
         which = columns_of(component.groups)
         gram = total(self._square(component), dispersion, (len(which),) * 2)
         right = (self.data.right[list(component.joints)][:, which] / dispersion[:, None]).sum(0)
-        return solve(which, gram, right, self.precision(component.groups, np.diag(gram), prior_scale))
+        return solve(which, gram, right, self._precision(component.groups, np.diag(gram), prior_scale))
 
     @cached(4, appendable=False)
     def across(self, component: Component, dispersion: Array) -> Array:
@@ -134,8 +134,11 @@ class LinearModel(Frozen):
         """Nuisance terms; inertial parameters only if the prior scale is above zero."""
         return [group for group in self.data.refitted if prior_scale > 0 or not group.bodies]
 
-    def precision(self, groups: Sequence[Group], diagonal: Array, prior_scale: float) -> Array:
+    def precision(self, selected: Sequence[Group], diagonal: Array, prior_scale: float) -> Array:
         """(k, k) prior precision L of fitted coefficients; diagonal (k,) of the Gram [1 per coefficient, squared]."""
+        return self._precision([*self.refitted(prior_scale), *selected], diagonal, prior_scale)
+
+    def _precision(self, groups: Sequence[Group], diagonal: Array, prior_scale: float) -> Array:
         out = self.prior_precision(groups, prior_scale)
         flat = np.flatnonzero([np.isinf(x) for group in groups for x in group.deviation])
         out[flat, flat] += FLAT_PRECISION * np.maximum(diagonal[flat], 1e-12)
