@@ -15,12 +15,12 @@ from ...deadline import seconds_left
 from ...effects.law import law_torque
 from ...faults.evidence import PER_UNKNOWN, judge_amount
 from ...model import Model
-from ...recording.sampling import Sampling, samples, select_stretches, time_origin
+from ...recording.sampling import samples, select_stretches, time_origin
 from ...regression.bandwidth import Decimator, lowpass, moving_minimum, smooth
 from ...regression.motion import Motion, build_motion, margin
 from ...regression.rows import Task
 from ...regression.session import Part, Session
-from ...types import Array, Law, Recording, Robot
+from ...types import Array, Law, Robot
 from ..thresholds import REST_SPEED, REST_TIME, REVERSAL_TIME_STD
 
 KEPT_SAMPLES = 2**15  # samples of motions that are kept for the next simulation on them: limits memory
@@ -60,8 +60,8 @@ def pieces(task: Task, model: Model, recordings: Sequence[Part]) -> Iterator[Pie
             count = -(-total // (PIECE_SAMPLES * parts))
             cuts = np.linspace(0, total, count + 1).astype(int).tolist() if total > 0 else []
             for start, stop in ((a, b) for a, b in pairwise(cuts) if b - a > 2 * half):
-                key = model.robot, sampling, span, start, stop
-                motion, calm = known.get(key) or _filtered(task, recording, *key)
+                key = model.robot, (recording, sampling), span, start, stop
+                motion, calm = known.get(key) or _filtered(task, *key)
                 if len(motion) + sum(len(one) for one, _ in known.values()) <= KEPT_SAMPLES:
                     known[key] = motion, calm
                 predicted = model.inverse(motion)
@@ -115,11 +115,11 @@ def reversal_uncertainty(thin: Decimator, pieces: Sequence[Piece], dry: Array) -
 
 
 def _filtered(
-    task: Task, recording: Recording, robot: Robot, sampling: Sampling, span: tuple[int, int], start: int, stop: int
+    task: Task, robot: Robot, part: Part, span: tuple[int, int], start: int, stop: int
 ) -> tuple[Motion, Array]:
     """Motion from sample `start` to `stop` of a span, and its low-passed torque (N, n) [N.m or N]; 0 where absent."""
-    window = samples(recording, sampling, span, start, stop + 2 * margin(task.band, task.recorded_derivatives))
-    motion = build_motion(robot, window, task.band, sampling.period, task.recorded_derivatives, task.slow)
+    window = samples(*part, span, start, stop + 2 * margin(task.band, task.recorded_derivatives))
+    motion = build_motion(robot, window, task.band, part[1].period, task.recorded_derivatives, task.slow)
     if task.parts > 1:  # every `parts`-th sample: positions are in the band already, torque is low-passed first
         low = lowpass(task.band.rate, 0.4 * task.band.rate / task.parts)
         motion = replace(motion, recorded=smooth(np.asarray(motion.recorded), low, whole=True))[:: task.parts]
