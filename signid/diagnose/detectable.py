@@ -92,8 +92,7 @@ def measure_power(priors: StackedPriors, own: Array, whole: Array, direction: Ar
 def _direction(law: Law) -> Array:
     """(d,) coefficients of a law whose main parameter is 1 and whose other coefficients are 0."""
     effect = law.effect
-    main = next(iter(effect.linear()))
-    one = {**dict.fromkeys(effect.linear(), 0.0), **effect.shape(law.parameters), main: 1.0}
+    one = {**dict.fromkeys(effect.linear(), 0.0), **effect.shape(law.parameters), next(iter(effect.linear())): 1.0}
     return np.array(effect.coefficients(one))
 
 

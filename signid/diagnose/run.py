@@ -323,7 +323,9 @@ def prepare_session(
     if broken := [fault for fault in faults.findings if fault.kind in SAMPLE_KINDS and fault.severity == REFUSE]:
         raise RecordingError(broken[0].sentence)
     if any(x.kind == SHORT_FAULT and x.measures["rows"] >= MIN_JOINT_ROWS for x in faults.findings):
-        faults = replace(faults, findings=tuple(f for f in faults.findings if f.kind == SHORT_FAULT or _is_clear(f)))
+        signs = [f for f in faults.findings if f.kind in CLEAR_KINDS and f.measures["agreement"] == 1]
+        clear = [f for f in signs if f.measures["explained_after"] > CLEAR_FAULT_SHARE]  # few rows suffice for these
+        faults = replace(faults, findings=tuple(f for f in faults.findings if f in clear or f.kind == SHORT_FAULT))
     elif faults.refusal:
         raise RecordingError(faults.refusal)
     thin = row_filter(session.task)
@@ -354,12 +356,6 @@ def mount(model: Model, session: Session, faults: RecordingFaults, skip: Sequenc
         model = replace(model, robot=with_gravity(model.robot, [shown.measures[key] for key in "xyz"]))
     task = replace(session.task, robot=with_gravity(session.robot, model.robot.model.gravity.linear))
     return Mounting(model, replace(session, task=task), faults, given, shown)
-
-
-def _is_clear(fault: RecordingFault) -> bool:
-    """Whether few rows suffice for a recording fault: a sign or an order of torques that all parts agree on."""
-    measured = fault.measures
-    return fault.kind in CLEAR_KINDS and measured["agreement"] == 1 and measured["explained_after"] > CLEAR_FAULT_SHARE
 
 
 def build_in_time(

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dtrtrs
 
 from ...errors import RecordingError
 from ...model import Model
@@ -114,6 +114,7 @@ class Whitened(Frozen):
     torque: tuple[Array, ...]  # per joint (N, m_j) [torque per coefficient] columns before whitening
     scale: Array  # (n,) [N.m or N] rms torque
     floor: Array  # (n,) [N.m or N] rms of the noise
+    priors: dict[Group, Any] = field(default_factory=dict)  # coefficient priors, the same for any noise
 
     def __len__(self) -> int:
         return int(self.residual.shape[1])
@@ -207,12 +208,7 @@ class Whitened(Frozen):
 
     def rows(self, group: Group) -> list[int]:
         """Joints on which a group acts."""
-        return self._rows[group.start]
-
-    @cached_property
-    def _rows(self) -> list[list[int]]:
-        """For each column, the joints that have it."""
-        return [np.flatnonzero(at >= 0).tolist() for at in self.at.T]
+        return (self.at[:, group.start] >= 0).nonzero()[0].tolist()
 
     def raw(self, joint: int, group: Group) -> Array:
         """(M', size) [torque per coefficient] columns of a group on one joint before whitening; zero if it has none."""
@@ -251,6 +247,7 @@ def whitened(table: RowTable, noise: Noise) -> Whitened:
         torque=table.columns,
         scale=table.scale,
         floor=noise.floor,
+        priors=table.priors,
     )
 
 
@@ -268,11 +265,11 @@ class Factor(NamedTuple):
 
     def forward(self, rows: Array) -> Array:
         """(f, m) [1 per coefficient] forward substitution lower^-1 rows; rows (f, m) [1 per coefficient, squared]."""
-        return np.asarray(solve_triangular(self.lower, rows / self.size[:, None], lower=True))
+        return np.asarray(dtrtrs(self.lower.T, rows / self.size[:, None], trans=1)[0] if len(rows) else rows)
 
     def backward(self, below: Array) -> Array:
         """(f, m) [unit of each coefficient] back substitution lower^-T below; below (f, m) [1]."""
-        return np.asarray(solve_triangular(self.lower, below, lower=True, trans="T") / self.size[:, None])
+        return np.asarray(dtrtrs(self.lower.T, below)[0] / self.size[:, None] if len(below) else below)
 
 
 class Fitted(NamedTuple):
@@ -344,9 +341,9 @@ def solve(which: Indices, gram: Array, right: Array, precision: Array) -> Fitted
     whole = gram + precision
     size = np.asarray(np.sqrt(np.diag(whole)))
     lower = _cholesky(whole / size / size[:, None])
-    forward_right = np.asarray(solve_triangular(lower, right / size, lower=True))
-    half = np.linalg.slogdet(precision)[1] / 2 - float(np.sum(np.log(np.diag(lower)) + np.log(size)))
     factor = Factor(np.arange(len(which)), lower, size)
+    forward_right = factor.forward(right[:, None])[:, 0]
+    half = np.linalg.slogdet(precision)[1] / 2 - float(np.sum(np.log(np.diag(lower)) + np.log(size)))
     return Fitted(which, (factor,), forward_right, float(forward_right @ forward_right) / 2 + half)
 
 

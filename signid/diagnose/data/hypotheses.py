@@ -101,8 +101,8 @@ class Hypothesis:
 
 def finite(x: Array) -> Array:
     """Set columns x (N, k) [torque per coefficient] with overflow or NaN to zero: such a law explains nothing."""
-    usable = np.abs(x).max(axis=0, initial=0.0) < MAX_COLUMN_VALUE  # False for NaN
-    return x if usable.all() else np.where(usable, x, 0.0)
+    largest = max(x.max(initial=0.0), -x.min(initial=0.0))  # NaN if any value is
+    return x if largest < MAX_COLUMN_VALUE else np.where(np.abs(x).max(axis=0) < MAX_COLUMN_VALUE, x, 0.0)
 
 
 def propose(model: Model, motion: Motion, skip: Sequence[str] = ()) -> list[Hypothesis]:

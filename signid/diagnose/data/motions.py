@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import pinocchio as pin
@@ -22,6 +23,7 @@ from ...regression.session import Part, Session
 from ...types import Array, Law, Robot
 from ..thresholds import REST_SPEED, REST_TIME, REVERSAL_TIME_STD
 
+KEPT_SAMPLES = 2**15  # samples of motions that are kept for the next simulation on them: limits memory
 PIECE_SAMPLES = 2**14  # samples of a piece at the rate of the rows, at most: limits memory
 
 # Amount of recordings that is used. The work of columns grows with the square of the number of joints.
@@ -34,6 +36,7 @@ SECONDS_PER_SECOND = 250.0
 
 CHECK_ROWS_FACTOR = 2.0  # [1] rows that recording checks get, over the number that they need. Heuristic
 STRETCH_GROWTH = 1.5  # [1] factor by which the stretches grow until there are enough rows
+_KNOWN = WeakKeyDictionary[Task, dict[Any, tuple[Motion, Array]]]()  # filtered motions of each task
 
 
 class Piece(NamedTuple):
@@ -48,8 +51,8 @@ class Piece(NamedTuple):
 def pieces(task: Task, model: Model, recordings: Sequence[Part]) -> Iterator[Piece]:
     """Split recordings into pieces; spans that are too short for the filter of the rows are left out."""
     robot = replace(model.robot, model=bodies_without_rotors(model))
-    parts, derivatives = task.parts, task.recorded_derivatives
-    edge, half = margin(task.band, derivatives), len(task.band.taps) // 2
+    parts, known = task.parts, _KNOWN.setdefault(task, {})
+    edge, half = margin(task.band, task.recorded_derivatives), len(task.band.taps) // 2
     for k, (recording, sampling) in enumerate(recordings):
         origin = time_origin(recording)
         for span in sampling.spans:
@@ -57,9 +60,13 @@ def pieces(task: Task, model: Model, recordings: Sequence[Part]) -> Iterator[Pie
             count = -(-total // (PIECE_SAMPLES * parts))
             cuts = np.linspace(0, total, count + 1).astype(int).tolist() if total > 0 else []
             for start, stop in ((a, b) for a, b in pairwise(cuts) if b - a > 2 * half):
-                window = samples(recording, sampling, span, start, stop + 2 * edge)
-                motion = build_motion(model.robot, window, task.band, sampling.period, derivatives, task.slow)
-                yield _piece(task, model, motion, robot, k)._replace(origin=origin)
+                key = model.robot, (recording, sampling), span, start, stop
+                motion, calm = known.get(key) or _filtered(task, *key)
+                if len(motion) + sum(len(one) for one, _ in known.values()) <= KEPT_SAMPLES:
+                    known[key] = motion, calm
+                predicted = model.inverse(motion)
+                shown = replace(model.acted(motion), robot=robot, recorded=calm, predicted=predicted)
+                yield Piece(k, shown, np.asarray(motion.recorded) - predicted, origin)
 
 
 def bodies_without_rotors(model: Model) -> pin.Model:
@@ -107,17 +114,17 @@ def reversal_uncertainty(thin: Decimator, pieces: Sequence[Piece], dry: Array) -
     return np.asarray(np.abs(np.concatenate([thin(REVERSAL_TIME_STD * dry * turn) for turn in turns])))
 
 
-def _piece(task: Task, model: Model, motion: Motion, robot: Robot, k: int) -> Piece:
+def _filtered(
+    task: Task, robot: Robot, part: Part, span: tuple[int, int], start: int, stop: int
+) -> tuple[Motion, Array]:
+    """Motion from sample `start` to `stop` of a span, and its low-passed torque (N, n) [N.m or N]; 0 where absent."""
+    window = samples(*part, span, start, stop + 2 * margin(task.band, task.recorded_derivatives))
+    motion = build_motion(robot, window, task.band, part[1].period, task.recorded_derivatives, task.slow)
     if task.parts > 1:  # every `parts`-th sample: positions are in the band already, torque is low-passed first
-        assert motion.recorded is not None, "windows have torque"
-        calm = smooth(motion.recorded, lowpass(task.band.rate, 0.4 * task.band.rate / task.parts), whole=True)
-        motion = replace(motion, recorded=calm)[:: task.parts]
-    predicted = model.inverse(motion)
-    acted, recorded = model.acted(motion), motion.recorded
-    assert recorded is not None, "windows have torque"
-    calm = smooth(recorded, lowpass(task.band.rate / task.parts, 2 * task.band.cutoff), whole=True)
-    shown = replace(acted, robot=robot, recorded=np.nan_to_num(calm), predicted=predicted)
-    return Piece(k, shown, recorded - predicted)
+        low = lowpass(task.band.rate, 0.4 * task.band.rate / task.parts)
+        motion = replace(motion, recorded=smooth(np.asarray(motion.recorded), low, whole=True))[:: task.parts]
+    calm = lowpass(task.band.rate / task.parts, 2 * task.band.cutoff)
+    return motion, np.nan_to_num(smooth(np.asarray(motion.recorded), calm, whole=True))
 
 
 def subsample(session: Session) -> Session:

@@ -6,7 +6,7 @@ Groups of columns are nuisance parameters (X a of the README) and hypotheses (S 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -51,6 +51,7 @@ class RowTable(Frozen):
     place: tuple[Indices, ...]  # per joint (m_j,) indices of its columns
     columns: tuple[Array, ...]  # per joint (M, m_j) [torque per coefficient]
     origins: tuple[float, ...] = ()  # per piece [s] time stamp from which reports count; empty: 0
+    priors: dict[Group, Any] = field(default_factory=dict, init=False)  # coefficient priors: of columns without noise
 
     def __len__(self) -> int:
         return len(self.t)
@@ -153,7 +154,7 @@ def _thinned(
     for group, made in zip(groups, _columns(model, groups, piece, dry), strict=True):
         for j, x in made.items():
             place[j].extend(range(group.start, group.start + group.size))
-            waiting[j].append(finite(x))
+            waiting[j].append(x)
             if len(waiting[j]) == BLOCK_GROUPS:
                 rows[j].append(thin(np.concatenate(waiting[j], axis=1)))
                 waiting[j].clear()
@@ -163,7 +164,7 @@ def _thinned(
 
 
 def _columns(model: Model, groups: Sequence[Group], piece: Piece, dry: Array) -> Iterator[dict[int, Array]]:
-    yield from (found.columns for found in nuisances(model, piece.motion, dry))
+    yield from ({j: finite(x) for j, x in found.columns.items()} for found in nuisances(model, piece.motion, dry))
     for group in (group for group in groups if group.hypothesis is not None):
         need_time("the search for laws")
         show_step(f"columns of {group.claim.kind}", group.start / max(groups[-1].start, 1))

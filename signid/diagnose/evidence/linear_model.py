@@ -72,12 +72,11 @@ class LinearModel(Frozen):
     @cached_property
     def coefficient_priors(self) -> dict[Group, CoefficientPrior | None]:
         """Coefficient prior of every hypothesis; None if its columns are zero."""
-        return {group: self._coefficient_prior(group) for group in self.data.groups if group.hypothesis is not None}
-
-    @cached(np.inf)
-    def _coefficient_prior(self, group: Group) -> CoefficientPrior | None:
-        torque = {j: self.data.raw(j, group) for j in self.data.rows(group)}
-        return coefficient_prior(group.claim, mean_products(torque, self.data.scale))
+        claims = [group for group in self.data.groups if group.hypothesis is not None]
+        for group in (group for group in claims if group not in self.data.priors):
+            torque = {j: self.data.raw(j, group) for j in self.data.rows(group)}
+            self.data.priors[group] = coefficient_prior(group.claim, mean_products(torque, self.data.scale))
+        return {group: self.data.priors[group] for group in claims}
 
     @cached(64)
     def fit(self, selected: Sequence[Group], dispersion: Array, prior_scale: float) -> Fitted:
@@ -111,7 +110,7 @@ class LinearModel(Frozen):
         joints_of = {one: tuple(j for j, other in enumerate(label) if other == one) for one in sorted(set(label))}
         return tuple(Component(own, within(refitted, one), within(selected, one)) for one, own in joints_of.items())
 
-    @cached(256)
+    @cached(128)
     def part(self, component: Component, dispersion: Array, prior_scale: float) -> Fitted:
         """Fit of one connected component of m joints; dispersion (m,) [1]."""
         which = columns_of(component.groups)
@@ -197,9 +196,8 @@ class LinearModel(Frozen):
     @cached(32)
     def _square(self, component: Component) -> Gram:
         """Products of the fitted columns of a component with each other."""
-        which = columns_of(component.groups)
-        rows = zip(component.joints, self._rows(component, which), strict=True)
-        return tuple(Block(here, here, x[:, self.data.at[joint, which[here]]]) for joint, (here, x) in rows)
+        chosen = [self.data.chosen(joint, columns_of(component.groups)) for joint in component.joints]
+        return tuple(Block(here := np.flatnonzero(mask), here, x.T @ x) for mask, x in chosen)
 
     def _rows(self, component: Component, which: Indices) -> Iterator[tuple[Indices, Array]]:
         """For each joint, its positions (a,) among columns (k,), and their products with all its columns (a, m)."""
