@@ -86,11 +86,9 @@ def compare(name: str) -> None:
     few = slice(CHECKED)
     expected = model.inverse(Motion(robot, np.arange(CHECKED) * 1.0, q[few], v[few], a[few]))
     off = np.abs(expected - tau[few]).max() / np.abs(expected).max()
-    print(
-        f"{name:14s} {n:2d} {own / STATES * 1e6:8.3f} {theirs / STATES * 1e6:8.3f} {theirs / own:6.1f} {off:9.1e}",
-        end="",
-    )
-    print("".join(f"{x / STATES * 1e6:9.3f}" for x in times))
+    first, second, *others = (x / STATES * 1e6 for x in (own, theirs, *times))
+    print(f"{name:14s} {n:2d} {first:8.3f} {second:8.3f} {theirs / own:6.1f} {off:9.1e}", end="")
+    print("".join(f"{x:9.3f}" for x in others))
 
 
 def main() -> None:
