@@ -84,7 +84,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "simulate {name}/model.json --duration 20 --noise 0.02 -o {name}.csv": ARMS,
     "validate {name}/model.json {other}": (*ARMS, *SERVOS),
     "excite {robot} --duration 10 -o {name}_motion.csv": ARMS,
-    "export {name}/model.json --urdf {name}.urdf --mjcf {name}.xml --c {name}.c": ARMS,
+    "export {name}/model.json --urdf {name}.urdf --mjcf {name}.xml --c c_{name}.c": ARMS,
     "replay {name}/model.json {log} --html {name}.html": ARMS,
     "watch {name}/model.json {other}": ARMS,
     "convert {log} --robot {robot} -o {name}_log.csv": ARMS,
@@ -125,7 +125,7 @@ def ages() -> Iterator[str]:
 
 
 def git(*words: str) -> str:
-    """What git says, or an empty text if it refuses."""
+    """Standard output of git; empty if it refuses."""
     return subprocess.run(["git", *words], cwd=ROOT, capture_output=True, encoding="utf-8").stdout.strip()
 
 
