@@ -74,10 +74,6 @@ def main() -> int:
     return 0
 
 
-if __name__ == "__main__":
-    raise SystemExit(main())
-
-
 @dataclass(frozen=True)
 class Score:
     """Figures of a method on a set; empty if it could not run."""
@@ -227,3 +223,7 @@ def summary(found: Sequence[Total]) -> Table:
         means = (f"{x:.3f}" if np.isfinite(x) else "-" for x in (one.ratio, one.shared))
         table.add_row(one.method, *means, str(one.better), str(one.joints), str(one.sets), f"{one.seconds:.1f}")
     return table
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -178,10 +178,6 @@ def _worst(rows: Sequence[Row], name: str) -> float:
     return float(np.nanmax([row.error for row in rows if row.number == name] or [np.inf]))
 
 
-if __name__ == "__main__":
-    raise SystemExit(main())
-
-
 @dataclass(frozen=True)
 class RealRow:
     """One real set."""
@@ -265,3 +261,7 @@ def _rms_of(found: ServoIdentification) -> tuple[float, float, float]:
     sizes = (rolled.whole_rms, rolled.one_second_rms, rolled.nominal_whole_rms)
     whole, second, ideal = (float(np.sqrt(np.nanmean(x**2))) for x in sizes)
     return whole, second, ideal
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -303,10 +303,6 @@ def _show_real(console: Console, streams: list[Stream], put_on: list[Load]) -> N
     )
 
 
-if __name__ == "__main__":
-    raise SystemExit(main())
-
-
 def damaged(columns: dict[str, Array], seed: int) -> dict[str, Array]:
     """Columns with 2 % of the rows lost, gaps up to 0.2 s (every second one holds the last row), NaN and jitter."""
     rng, t = np.random.default_rng(seed), columns["t"]
@@ -374,3 +370,7 @@ def plain_hits(model: Model, pushed: dict[str, Array], calm: dict[str, Array], p
     over = (np.abs(of(pushed)) > np.abs(of(calm)[late]).max(axis=0)).any(axis=1)
     t = pushed["t"]
     return sum(bool(over[(t >= one.start) & (t < one.start + one.duration)].any()) for one in planned)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
