@@ -54,12 +54,12 @@ def compiled(model: Model, folder: Path) -> ctypes.CDLL:
 
 
 def seconds(run: Callable[[], object]) -> float:
-    """Least time of several rounds [s]."""
+    """Least processor time of several rounds [s]."""
     times = []
     for _ in range(ROUNDS):
-        start = time.perf_counter()
+        start = time.process_time()
         run()
-        times.append(time.perf_counter() - start)
+        times.append(time.process_time() - start)
     return min(times)
 
 
@@ -86,11 +86,9 @@ def compare(name: str) -> None:
     few = slice(CHECKED)
     expected = model.inverse(Motion(robot, np.arange(CHECKED) * 1.0, q[few], v[few], a[few]))
     off = np.abs(expected - tau[few]).max() / np.abs(expected).max()
-    print(
-        f"{name:14s} {n:2d} {own / STATES * 1e6:8.3f} {theirs / STATES * 1e6:8.3f} {theirs / own:6.1f} {off:9.1e}",
-        end="",
-    )
-    print("".join(f"{x / STATES * 1e6:9.3f}" for x in times))
+    first, second, *others = (x / STATES * 1e6 for x in (own, theirs, *times))
+    print(f"{name:14s} {n:2d} {first:8.3f} {second:8.3f} {theirs / own:6.1f} {off:9.1e}", end="")
+    print("".join(f"{x:9.3f}" for x in others))
 
 
 def main() -> None:

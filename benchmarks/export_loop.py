@@ -69,19 +69,8 @@ def main() -> int:
     given, console = parser.parse_args(), Console(width=WIDTH)
     with tempfile.TemporaryDirectory() as place:
         rows = [row for case in cases(Path(place), given.robots, given.seed) for row in rolled(case, Path(place))]
-    table = frame(
-        "rms position error of all joints [mrad]",
-        [
-            "robot",
-            "at limits",
-            "export",
-            ".2 s: signid",
-            "recording",
-            "whole: signid",
-            "recording",
-            "rounding of delays",
-        ],
-    )
+    names = ("robot", "at limits", "export", ".2 s: signid", "recording", "whole: signid", "recording", "rounding")
+    table = frame("rms position error of all joints [mrad]; rounding: of delays", names)
     for row in rows:
         robot, limits, file, *numbers = asdict(row).values()
         table.add_row(robot, limits, file, *(f"{x:.2f}" for x in numbers))

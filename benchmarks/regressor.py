@@ -3,20 +3,26 @@
 10,000 samples at 100 Hz of an arm along a periodic motion; torque from its URDF plus armature, viscous and Coulomb
 friction. The baseline ("floor") is a plain Pinocchio loop with normal equations and known base columns. signid does the
 same job from the same arrays, then with its filter and noise model. All run in turn on one thread, so that the load of
-the machine affects all alike; the least processor time of several turns counts.
+the machine affects all alike; the least processor time of several turns counts. `--hours H ...` measures the memory
+and the time of `signid identify` for long recordings instead.
 """
 
 from __future__ import annotations
 
 import platform
+import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
+from multiprocessing import get_context
 from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
+import polars as pl
 from rich.console import Console
 from rich.table import Table
 from scipy.linalg import cho_factor, cho_solve
@@ -32,11 +38,13 @@ from signid.types import Array, BaseMap, Recording, Robot
 
 from .arms import base_parameters
 from .plants.bodies import Drives
-from .summary import command_line, one_thread, print_targets, write_json
+from .summary import command_line, measured, one_thread, print_targets, write_json
 
 ROBOTS = {"panda": ("panda_finger_joint1",), "ur10": ()}  # joints held at zero
 # samples, rate [Hz], period [s], harmonics, amplitude [rad]
 SAMPLES, RATE, PERIOD, HARMONICS, REACH = 10_000, 100.0, 10.0, 5, 1.8
+TIMES, SLIDE = np.arange(SAMPLES) / RATE, 0.01  # [s]; amplitude of a prismatic joint over that of others [m/rad]
+LONG_RATE, NOISE, TICK = 1000, 0.02, 2 * np.pi / 2**17  # of long recordings: [Hz], over rms torque [1], [rad or m]
 # from base to tip [kg.m2], [N.m.s/rad], [N.m]
 DRIVES = {"armature": (0.8, 0.1), "viscous_friction": (3.0, 0.3), "coulomb_friction": (6.0, 0.5)}
 
@@ -55,12 +63,12 @@ def load(name: str) -> Robot:
     return hold(load_robot(name), dict.fromkeys(ROBOTS[name], 0.0))
 
 
-def move(robot: Robot, seed: int) -> Track:
-    """Draw a motion of five harmonics and compute its torque."""
+def move(robot: Robot, seed: int, t: Array = TIMES) -> Track:
+    """Draw a motion of five harmonics and compute its torque at times t (N,) [s]."""
     n, order = len(robot.joints), np.arange(1, HARMONICS + 1)
     sines, cosines = np.random.default_rng(seed).standard_normal((2, n, HARMONICS))
     size = REACH / np.sum(np.hypot(sines, cosines), axis=1)[:, None] * (sines + 1j * cosines)
-    t, w = np.arange(SAMPLES) / RATE, 2 * np.pi * order / PERIOD
+    size, w = size * np.where(robot.prismatic, SLIDE, 1.0)[:, None], 2 * np.pi * order / PERIOD
     q, v, a = (np.imag(np.exp(1j * np.outer(t, w)) @ (size * (1j * w) ** k).T) for k in range(3))
     own = drives(robot)
     rubbing = own.viscous_friction * v + own.coulomb_friction * np.sign(v)
@@ -134,7 +142,7 @@ def measure(name: str, turns: int) -> Iterator[Row]:
     """Run all methods in turns and yield their rows."""
     robot = load(name)
     train, test = (move(robot, seed) for seed in (0, 1))
-    columns = {"t": np.arange(SAMPLES) / RATE, "q": train.q, "dq": train.v, "ddq": train.a, "tau": train.tau}
+    columns = {"t": TIMES, "q": train.q, "dq": train.v, "ddq": train.a, "tau": train.tau}
     recording = read_recording(columns, robot)
     token = read_recording({key: x[:TOKEN] for key, x in columns.items()}, robot)
     same, default = (prepare(robot, [recording], [token], options) for options in (BARE, Options()))
@@ -163,7 +171,7 @@ def _errors(robot: Robot, session: Session, test: Track, value: Array) -> dict[s
     """Largest relative errors of parameters and torque."""
     base, laws = session.task.base, session.task.laws
     truth = base_parameters(robot, base, laws, drives(robot))
-    motion = Motion(robot, np.arange(SAMPLES) / RATE, test.q, test.v, test.a)
+    motion = Motion(robot, TIMES, test.q, test.v, test.a)
     rows = base_rows(motion, laws, [base.independent] * len(robot.joints))
     torque = np.column_stack([x @ value for x in rows])
     worst = [np.abs(a - b).max() / np.abs(b).max() for a, b in ((value, truth), (torque, test.tau))]
@@ -196,18 +204,48 @@ def show(robot: str, rows: Sequence[Row]) -> Table:
     return table
 
 
+def write_long(folder: str, hours: float) -> None:
+    """Write hours of the Panda with a finger (8 joints) to FOLDER/long.parquet, made minute by minute."""
+    robot, rows = load_robot("panda"), 60 * LONG_RATE
+    for minute in range(round(60 * hours)):
+        t = np.arange(minute * rows, (minute + 1) * rows) / LONG_RATE
+        track, rng = move(robot, 0, t), np.random.default_rng(minute)
+        tau = track.tau + NOISE * track.tau.std(0) * rng.standard_normal(track.tau.shape)
+        columns = {"t": t}
+        for joint, q, torque in zip(robot.joints, track.q.T, tau.T, strict=True):
+            columns |= {f"q_{joint}": np.round(q / TICK) * TICK, f"tau_{joint}": torque}
+        pl.DataFrame(columns).write_parquet(f"{folder}/part_{minute:04d}.parquet")
+    pl.scan_parquet(f"{folder}/part_*.parquet").sink_parquet(f"{folder}/long.parquet")
+
+
+def identify_long(hours: float) -> dict[str, float]:
+    """Memory and time of `signid identify` for hours of a recording, which another process makes."""
+    words = [sys.executable, "-m", "signid", "identify", "panda", "long.parquet", "-o", "result"]
+    with tempfile.TemporaryDirectory() as place:
+        with ProcessPoolExecutor(1, get_context("spawn")) as pool:
+            pool.submit(write_long, place, hours).result()
+        code, peak, seconds = measured(words, cwd=place)
+    return {"hours": hours, "exit code": code, "peak [MiB]": peak, "processor time [s]": seconds}
+
+
 def main() -> None:
     """Measure, print the tables and write the numbers; exit with 1 when a target is missed."""
     one_thread()
     parser = command_line("regressor", __doc__)
     parser.add_argument("--turns", type=int, default=7, help="number of turns, of which the best counts (7)")
+    parser.add_argument("--hours", type=float, nargs="+", metavar="H", help="identify recordings of 8 joints at 1 kHz")
     options = parser.parse_args()
     console, rows = Console(), list[Row]()
+    if options.hours:
+        found = [identify_long(hours) for hours in options.hours]
+        console.print(*found, sep="\n", highlight=False)
+        write_json(options.json, {"hours": found})
+        return
     for name in ROBOTS:
         with console.status(name):
-            found = list(measure(name, options.turns))
-        console.print(show(name, found))
-        rows += found
+            own = list(measure(name, options.turns))
+        console.print(show(name, own))
+        rows += own
     targets = list(check_targets(rows))
     met = print_targets(console, targets)
     machine = {"python": platform.python_version(), "pinocchio": pin.__version__, "numpy": np.__version__}

@@ -78,6 +78,23 @@ def peak() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1e-6 if sys.platform == "darwin" else 1.024e-3)
 
 
+def measured(words: Sequence[str], **options: Any) -> tuple[int, float, float]:
+    """Run a program on one thread: exit code, peak of its largest process [MiB], processor time of all [s].
+
+    The peak is at least the memory of this process, as the system counts it from before the program begins.
+
+    Args:
+        words: program and arguments.
+        options: those of `subprocess.Popen`; what the program prints is dropped by default.
+    """
+    dropped = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    child = subprocess.Popen(words, env={**os.environ, **ONE_THREAD}, **(dropped | options))
+    _, status, usage = os.wait4(child.pid, 0)
+    child.returncode = os.waitstatus_to_exitcode(status)
+    unit = 2**20 if sys.platform == "darwin" else 2**10
+    return child.returncode, usage.ru_maxrss / unit, usage.ru_utime + usage.ru_stime
+
+
 def finite(x: Any) -> Any:
     """Dataclasses as dictionaries, and numbers that JSON cannot represent as None."""
     if is_dataclass(x) and not isinstance(x, type):

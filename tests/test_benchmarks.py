@@ -32,7 +32,7 @@ from benchmarks.watch.plant import PERIOD, Alteration, Push, record
 ROOT = Path(__file__).parents[1]
 NAMES = (
     *("coverage", "signs", "concealed", "concealed_real", "public", "servo", "servo_faults", "logs", "watch"),
-    *("blackbox", "regressor", "export", "export_loop"),
+    *("blackbox", "regressor", "export", "export_loop", "figures"),
 )
 
 

@@ -41,44 +41,23 @@ def least_squares_answer(task: Task) -> Answer:
     return Answer(task.held_out.rest, task.fitted.seconds)
 
 
-def identify(task: Task) -> Answer:
-    """Run `signid identify` with its defaults on A and B."""
+def identify(task: Task, first: bool = False) -> Answer:
+    """Run `signid identify` with its defaults on A and B, or on A alone, the model of `diagnose`."""
     start = time.process_time()
-    model = identified(task.robot, together(task)).model
+    model = identified(task.robot, list(task.a) if first else together(task)).model
     return _answer(task, model, time.process_time() - start)
 
 
-def identify_first(task: Task) -> Answer:
-    """Run `signid identify` with its defaults on A alone, the model of `diagnose`."""
-    start = time.process_time()
-    model = identified(task.robot, list(task.a)).model
-    return _answer(task, model, time.process_time() - start)
-
-
-def diagnose(task: Task, limit: float = LIMIT) -> Answer:
-    """Predict with the extended model of `signid diagnose`: A identified, B diagnosed; limit in s of processor time.
-
-    Raises:
-        UnavailableError: the diagnosis refused, crashed or was stopped.
-    """
-    return _diagnosed(task, list(task.a), [task.b], limit)
-
-
-def diagnose_all(task: Task, limit: float = LIMIT) -> Answer:
-    """Predict with the extended model of `signid diagnose`: A and B identified and diagnosed; limit in s.
+def diagnose(task: Task, first: bool = False, limit: float = LIMIT) -> Answer:
+    """Predict with the extended model of `signid diagnose`: A and B identified and diagnosed, or A and B; limit in s.
 
     Raises:
         UnavailableError: the diagnosis refused, crashed or was stopped.
     """
     both = together(task)
-    return _diagnosed(task, both, both, limit)
-
-
-def _diagnosed(task: Task, known: Sequence[Recording], diagnosed: Sequence[Recording], limit: float) -> Answer:
-    """Identify a model from `known` and extend it by the diagnosis of `diagnosed`."""
     start = time.process_time()
-    model = identified(task.robot, known).model
-    found = attempt(model, diagnosed, limit)
+    model = identified(task.robot, list(task.a) if first else both).model
+    found = attempt(model, [task.b] if first else both, limit)
     seconds = time.process_time() - start
     if found.diagnosis is None:
         raise UnavailableError(f"{found.answer.verdict}: {' '.join(found.answer.sentences)}")
@@ -116,12 +95,7 @@ def validates(tables: Sequence[Table]) -> Mask:
 
 
 def boosted(task: Task) -> Answer:
-    """Fit gradient-boosted trees on q, v, a of all joints: one ensemble per joint, size chosen by validation.
-
-    Raises:
-        UnavailableError: scikit-learn is missing.
-    """
-    _need()
+    """Fit gradient-boosted trees on q, v, a of all joints: one ensemble per joint, size chosen by validation."""
     start = time.process_time()
     check, used = validates(task.training), []
     added = np.zeros_like(task.held_out.rest)
@@ -155,20 +129,16 @@ def boost(x: Array, y: Array, check: Mask, new: Array) -> tuple[int, Array]:
     search = Trees(max_iter=TREES, early_stopping=True, n_iter_no_change=PATIENCE, scoring="loss", **fixed)
     search.fit(x[~check], y[~check], X_val=x[check], y_val=y[check])
     count = int(np.argmax(search.validation_score_))  # the first score is that of a constant
-    return count, Trees(max_iter=count, early_stopping=False, **fixed).fit(x, y).predict(new) if count else np.zeros(
-        len(new)
-    )
+    if not count:
+        return 0, np.zeros(len(new))
+    return count, Trees(max_iter=count, early_stopping=False, **fixed).fit(x, y).predict(new)
 
 
 def gaussian(task: Task) -> Answer:
     """Fit Gaussian processes on q, v, a of each joint: squared-exponential kernel, one length per feature, white noise.
 
     Features of all joints with the same number of rows were worse on a UR10e and a TX40.
-
-    Raises:
-        UnavailableError: scikit-learn is missing.
     """
-    _need()
     start = time.process_time()
     added = np.zeros_like(task.held_out.rest)
     x, y, new = (*_stacked(task.training), task.held_out.motion)
@@ -204,8 +174,3 @@ def interpolate(x: Array, y: Array, new: Array) -> Array:
 
 def _stacked(tables: Sequence[Table]) -> tuple[Array, Array]:
     return np.concatenate([x.motion for x in tables]), np.concatenate([x.rest for x in tables])
-
-
-def _need() -> None:
-    if problem := missing():
-        raise UnavailableError(problem)

@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 import signid
-from signid.diagnose.holdout import ResidualRows, residual_rows
 from signid.errors import SignidError
 from signid.identify import Identification
 from signid.model import Model, stated_inertials, stated_laws
 from signid.recording import same_joints
 from signid.recording.sampling import survey
-from signid.regression.session import RATE_TOLERANCE, Options, prepare
+from signid.regression.session import RATE_TOLERANCE
 from signid.robot import hold, resting
-from signid.simulation.rollout import restrict_joints
 from signid.types import Array, Recording, Robot
 
+from ..concealed_real.changes import filtered
 from ..concealed_real.sets import RealSet, columns_of, read, rebuilt
 
 
@@ -41,17 +40,6 @@ def table(model: Model, recording: Recording, cutoff: float) -> Table:
     rows = filtered(model, recording, cutoff)
     moved = (np.hstack([x.motion.q, x.motion.v, x.motion.a]) for x in rows.pieces)
     return Table(np.concatenate([rows.thin(x) for x in moved]), rows.residual, rows.torque)
-
-
-def filtered(model: Model, recording: Recording, cutoff: float) -> ResidualRows:
-    """Filtered rows of a recording with their motions and filter; cut-off in Hz.
-
-    Raises:
-        RecordingError: every stretch is shorter than the filter.
-    """
-    own = restrict_joints(model, [recording])[0]
-    session = prepare(own.robot, [recording], [recording], replace(Options(effects=()), cutoff=cutoff))
-    return residual_rows(session.task, restrict_joints(own, [recording])[0], session.held_out)
 
 
 def one_rate(robot: Robot, recordings: Sequence[Recording]) -> list[Recording]:

@@ -11,9 +11,7 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import signal
-import subprocess
 import sys
 import tempfile
 import xml.etree.ElementTree as ElementTree
@@ -30,7 +28,7 @@ from rich.console import Console
 from signid.robot import DHLink, urdf_from_dh
 
 from ..plants.bodies import Body
-from ..summary import ONE_THREAD, command_line, frame, origin, write_json
+from ..summary import command_line, frame, measured, origin, write_json
 from .evaluate import is_right, is_twin, listed, truths
 from .faults import plant
 from .scene import ROBOTS, Place, Scene, described, draw
@@ -143,10 +141,8 @@ def process(case: Case, sessions: Path, diagnosed: bool) -> str:
         recordings = sorted(str(path) for path in folder.glob("recording_*.parquet"))
         command = [sys.executable, "-c", LIMITED, "diagnose", str(folder / "robot.urdf"), *recordings, "--json"]
         with (folder / "diagnosis.json").open("wb") as out, (folder / "stderr.txt").open("wb") as errors:
-            child = subprocess.Popen(command, stdout=out, stderr=errors, env={**os.environ, **ONE_THREAD})
-            _, status, usage = os.wait4(child.pid, 0)
-        child.returncode = os.waitstatus_to_exitcode(status)
-        run = {"code": child.returncode, "cpu": usage.ru_utime + usage.ru_stime}
+            code, _, seconds = measured(command, stdout=out, stderr=errors)
+        run = {"code": code, "cpu": seconds}
         (folder / "run.json").write_text(json.dumps(run), encoding="utf-8")
     return ""
 

@@ -162,17 +162,11 @@ def _numbers(evaluations: Sequence[Evaluation]) -> Iterator[Target]:
     for words, rough, bound in (("plain laws", False, 0.05), ("less accurate laws", True, 0.15)):
         medians = [(float(np.median(x)), name) for name, x in errors(evaluations).items() if (name in ROUGH) == rough]
         worst, name = max(medians, default=(math.nan, ""))
-        yield Target(
-            f"exact, median parameter error at 5 %, {words}: worst is {name}", worst, bound, len(medians), True
-        )
+        said = f"exact, median parameter error at 5 %, {words}: worst is {name}"
+        yield Target(said, worst, bound, len(medians), most=True)
     residuals = [v.after for v in evaluations if v.suite in ("exact", "hard", "pairs") and not math.isnan(v.after)]
-    yield Target(
-        "residual of the extended model over the noise floor: median",
-        _quantile(residuals, 0.5),
-        1.08,
-        len(residuals),
-        True,
-    )
+    said = "residual of the extended model over the noise floor: median"
+    yield Target(said, _quantile(residuals, 0.5), 1.08, len(residuals), most=True)
     slow = [v.cpu for v in evaluations if v.joints >= SLOWEST]
     yield Target("CPU of a diagnosis of seven joints, s: 95 % quantile", _quantile(slow, 0.95), 3.0, len(slow), True)
 

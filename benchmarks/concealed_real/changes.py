@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pinocchio as pin
 
-from signid.diagnose.holdout import residual_rows
+from signid.diagnose.holdout import ResidualRows, residual_rows
 from signid.identify import Identification
 from signid.model import Model, stated_inertials
 from signid.recording.sampling import samples
@@ -66,17 +66,20 @@ class Worse:
     worse: bool  # the extended model is worse by more than the standard error
 
 
-def residual(model: Model, recording: Recording, cutoff: float | None) -> Array:
-    """Residual (M, n) [N.m or N], measured - predicted, below a cut-off [Hz] (None: chosen); NaN in excluded rows.
+def filtered(model: Model, recording: Recording, cutoff: float | None) -> ResidualRows:
+    """Rows of a recording below a cut-off [Hz] (None: chosen), with their motions and filter.
 
     Raises:
         RecordingError: every stretch is shorter than the filter.
     """
     own = restrict_joints(model, [recording])[0]
-    options = replace(Options(effects=()), cutoff=cutoff)
-    session = prepare(own.robot, [recording], [recording], options)
-    own = restrict_joints(own, [recording])[0]
-    return np.asarray(residual_rows(session.task, own, session.held_out).residual)
+    session = prepare(own.robot, [recording], [recording], replace(Options(effects=()), cutoff=cutoff))
+    return residual_rows(session.task, restrict_joints(own, [recording])[0], session.held_out)
+
+
+def residual(model: Model, recording: Recording, cutoff: float | None) -> Array:
+    """Residual (M, n) [N.m or N] of these rows, measured - predicted; NaN in excluded rows."""
+    return np.asarray(filtered(model, recording, cutoff).residual)
 
 
 def rms(x: Array) -> Array:

@@ -50,6 +50,12 @@ def thirds(file: str, edges: Sequence[tuple[float, float]]) -> tuple[tuple[Part,
     return (a,), b, c
 
 
+def whole(*files: str) -> tuple[tuple[Part, ...], Part, Part]:
+    """Whole recordings: all but two for A, one each for B and C."""
+    *a, b, c = map(Part, files)
+    return tuple(a), b, c
+
+
 UR10E = "identification_data__20_02_"
 LOADED = f"{UR10E}19_14harm50secLoad"
 TABLE = (
@@ -64,48 +70,27 @@ TABLE = (
         more={"loaded": Part(LOADED, end=30.0), "loaded, held out": Part(LOADED, start=30.5)},
     ),
     RealSet(
-        "emps",
-        "emps_janot",
-        "emps.urdf",
-        (Part("emps_train", end=13.0),),
-        Part("emps_train", start=13.5),
-        Part("emps_pulses"),
+        *("emps", "emps_janot", "emps.urdf"),
+        *((Part("emps_train", end=13.0),), Part("emps_train", start=13.5), Part("emps_pulses")),
     ),
     RealSet("tx40", "staubli_tx40", "tx40.urdf", *thirds("exciting_traj", ((0, 3.6), (3.65, 6.9), (6.95, 9)))),
     RealSet("panda", "panda_gaz2019", "panda.urdf", *thirds("exciting_traj_1", ((0, 10.5), (10.7, 16.2), (16.4, 21)))),
     RealSet("rokae", "rokae_xmate", "xmate3pro.urdf", *thirds("excit_motor", ((0, 10), (10.2, 15.4), (15.6, 20)))),
     RealSet(
-        "rokae_sensor",
-        "rokae_xmate",
-        "xmate3pro.urdf",
+        *("rokae_sensor", "rokae_xmate", "xmate3pro.urdf"),
         *thirds("excit_joint_sensor", ((0, 10), (10.2, 15.4), (15.6, 20))),
     ),
     RealSet(  # psm3_one_no_weight has another counterweight
         "psm", "dvrk_wpi", "psm3.urdf", (Part("psm3_one"),), Part("psm3_two", end=14.5), Part("psm3_two", start=15.0)
     ),
     RealSet(  # a second laboratory
-        "psm_radiang",
-        "dvrk_psm_radiang",
-        "psm3.urdf",
-        (Part("fourier_test2"), Part("fourier_test3")),
-        Part("fourier_test4"),
-        Part("fourier_test5"),
+        *("psm_radiang", "dvrk_psm_radiang", "psm3.urdf"),
+        *whole(*(f"fourier_test{k}" for k in (2, 3, 4, 5))),
     ),
+    RealSet("lwr4", "kuka_lwr4_flobaroid", "kuka_lwr4.urdf", *whole(*(f"measurements_{k}" for k in (1, 2, 3)))),
     RealSet(
-        "lwr4",
-        "kuka_lwr4_flobaroid",
-        "kuka_lwr4.urdf",
-        (Part("measurements_1"),),
-        Part("measurements_2"),
-        Part("measurements_3"),
-    ),
-    RealSet(
-        "dfki",
-        "dfki_simple_pendulum",
-        "pendulum.urdf",
-        (Part("ddp"),),
-        Part("direct_collocation"),
-        Part("pd__system_identification"),
+        *("dfki", "dfki_simple_pendulum", "pendulum.urdf"),
+        *whole("ddp", "direct_collocation", "pd__system_identification"),
     ),
 )
 SETS = {one.name: one for one in TABLE}

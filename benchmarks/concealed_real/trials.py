@@ -142,7 +142,7 @@ def _no_roll_out(*_: Any, **__: Any) -> Any:
 
 
 SOURCES = Path(__file__).parents[2]
-MADE_BY = ("cases", "changes", "evaluate", "run", "sets")
+MADE_BY = ("changes", "evaluate", "run", "sets")
 KEPT = ("set", "kind", "what", "outcome", "fair", "known", "causes", "seconds")  # columns of a row in the folder
 Row = dict[str, Any]
 

@@ -38,10 +38,7 @@ from .changes import CHANGES, Change, Changed
 
 SECONDS, NOISE, BITS = 20.0, 0.02, 17
 UR5 = Arm(
-    "ur5",
-    6,
-    125.0,
-    (0.0, -1.2, 1.2, -0.5, 0.5, 0.0),
+    *("ur5", 6, 125.0, (0.0, -1.2, 1.2, -0.5, 0.5, 0.0)),
     Drives((1.0, 1.0, 0.8, 0.2, 0.2, 0.2), (5.0, 5.0, 3.0, 1.0, 0.8, 0.8), (6, 6, 4, 1.2, 1.0, 0.8), (0.1,) * 6),
 )
 REAL = ("ur10e", "emps", "tx40")
@@ -257,13 +254,9 @@ def main() -> None:
     silent = [row for row in found if row.excess > MOST and not row.flags]
     known = sum(row.known for row in found)
     share = 100 * sum(row.held for row in found) / max(known, 1)
-    met = print_targets(
-        console,
-        [
-            (f"changes above {MOST:g} without a flag: {len(silent)} of {len(found)}", not silent),
-            (f"coverage {share:.1f} % of {known} (93 to 97 %)", not known or COVERAGE[0] <= share <= COVERAGE[1]),
-        ],
-    )
+    changed = (f"changes above {MOST:g} without a flag: {len(silent)} of {len(found)}", not silent)
+    covered = (f"coverage {share:.1f} % of {known} (93 to 97 %)", not known or COVERAGE[0] <= share <= COVERAGE[1])
+    met = print_targets(console, [changed, covered])
     write_json(options.json, {"rows": found})
     raise SystemExit(0 if met else 1)
 

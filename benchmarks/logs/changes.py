@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -33,7 +33,6 @@ class Change:
     name: str
     make: Callable[[Columns, Generator], Changed]
     drives: bool = True  # whether it applies to commands and positions
-    note: dict[str, Any] = field(default_factory=dict)
 
 
 def _one(make: Callable[[Columns, Generator], Mapping[str, Array]]) -> Callable[[Columns, Generator], Changed]:

@@ -47,33 +47,30 @@ def benches(folder: Path, names: tuple[str, ...] = ("pendulum", "so101", "go2_le
     if "so101" in names and data:
         path = folder / "so101.urdf"
         path.write_text((data / "so101_servo" / "so101.urdf").read_text(encoding="utf-8"), encoding="utf-8")
-        joints = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
-        kp, kd = (14.0, 16.0, 12.0, 8.0, 5.0, 4.0), (0.5, 0.6, 0.4, 0.25, 0.15, 0.12)
-        dry, rotor = (0.06, 0.07, 0.06, 0.04, 0.03, 0.03), (0.02, 0.02, 0.016, 0.01, 0.006, 0.005)
-        drives = {
-            joint: Drive(
-                kp=kp[j], kd=kd[j], delay=0.012, coulomb_friction=dry[j], armature=rotor[j], viscous_friction=0.04
-            )
-            for j, joint in enumerate(joints)
+        numbers = {  # kp, kd, coulomb_friction, armature
+            "shoulder_pan": (14.0, 0.5, 0.06, 0.02),
+            "shoulder_lift": (16.0, 0.6, 0.07, 0.02),
+            "elbow_flex": (12.0, 0.4, 0.06, 0.016),
+            "wrist_flex": (8.0, 0.25, 0.04, 0.01),
+            "wrist_roll": (5.0, 0.15, 0.03, 0.006),
+            "gripper": (4.0, 0.12, 0.03, 0.005),
         }
+        drives = healthy(numbers, delay=0.012, viscous_friction=0.04)
         found.append(Bench("so101", path, drives, np.array([0, -0.4, 0.4, 0.2, 0, 0.6]), np.full(6, 0.6)))
     if "go2_leg" in names and data:
         path = folder / "go2_leg.urdf"
         path.write_text(leg((data / "go2_dls" / "go2.urdf").read_text(encoding="utf-8"), "FL_"), encoding="utf-8")
-        joints = tuple(f"FL_{part}_joint" for part in ("hip", "thigh", "calf"))
-        drives = {
-            joint: Drive(
-                kp=(22.0, 25.0, 28.0)[j],
-                kd=(0.9, 1.1, 1.0)[j],
-                delay=0.01,
-                coulomb_friction=0.2,
-                armature=0.012,
-                viscous_friction=0.1,
-            )
-            for j, joint in enumerate(joints)
-        }
+        gains = {"hip": (22.0, 0.9), "thigh": (25.0, 1.1), "calf": (28.0, 1.0)}
+        numbers = {f"FL_{part}_joint": (*both, 0.2, 0.012) for part, both in gains.items()}
+        drives = healthy(numbers, delay=0.01, viscous_friction=0.1)
         found.append(Bench("go2_leg", path, drives, np.array([0.0, 0.9, -1.8]), np.array([0.4, 0.6, 0.6])))
     return found
+
+
+def healthy(numbers: dict[str, tuple[float, ...]], **same: float) -> dict[str, Drive]:
+    """Drives by joint, from kp, kd, dry friction and armature of each and the numbers that they share."""
+    names = ("kp", "kd", "coulomb_friction", "armature")
+    return {joint: Drive(**same, **dict(zip(names, own, strict=True))) for joint, own in numbers.items()}  # type: ignore[arg-type]
 
 
 def leg(urdf: str, prefix: str) -> str:

@@ -10,8 +10,7 @@ from rich.console import Console
 
 from ..servo.robots import benches
 from ..summary import command_line, frame, print_targets, write_json
-from .faults import FAULTS
-from .trial import Outcome, run_trial
+from .trial import FAULTS, Outcome, run_trial
 
 NAMED, WRONG = 0.9, 0.01  # [1] targets of issue 18
 
@@ -60,14 +59,11 @@ def summary(console: Console, outcomes: list[Outcome]) -> bool:
     named = np.mean([x.right for x in faulty]) if faulty else 1.0
     wrong = np.mean([x.sure for x in outcomes])
     silent = all(x.right for x in outcomes if x.fault == "healthy")
-    return print_targets(
-        console,
-        [
-            (f"named first: {100 * named:.0f} % (target {100 * NAMED:.0f} %)", bool(named >= NAMED)),
-            (f"wrong and sure: {100 * wrong:.1f} % (target {100 * WRONG:.0f} %)", bool(wrong <= WRONG)),
-            ("healthy robots are silent", silent),
-        ],
-    )
+    targets = [
+        (f"named first: {100 * named:.0f} % (target {100 * NAMED:.0f} %)", bool(named >= NAMED)),
+        (f"wrong and sure: {100 * wrong:.1f} % (target {100 * WRONG:.0f} %)", bool(wrong <= WRONG)),
+    ]
+    return print_targets(console, [*targets, ("healthy robots are silent", silent)])
 
 
 def _counts(outcomes: list[Outcome]) -> list[str]:

@@ -15,10 +15,13 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 from rich.console import Console
+from scipy.signal import savgol_filter
 
 import signid
 from signid.model import Model
+from signid.robot import configuration
 from signid.simulation.excite.families import rest_to_rest_motion
 from signid.types import Array
 from signid.watch import Contact, Event, LastingChange, Watcher
@@ -27,8 +30,6 @@ from ..arms import ARMS, Arm, load
 from ..plants.bodies import Body
 from ..plants.control import Table, draw_motion
 from ..summary import command_line, frame, peak, print_targets, write_json
-from .damage import damaged
-from .plain import plain_hits
 from .plant import Alteration, Push, record
 from .real import MASS, PROMPT, Load, Stream, loads, unloaded
 
@@ -37,6 +38,13 @@ LEARNT = 30.0  # [s] of the recording that gives the model
 BEGIN = 25.0  # [s] of the change
 REACTED = 0.3  # [s] after a push within which it counts as detected
 SETTLING = 1.0  # [s] after a push in which its end may be seen again
+LOST, MISSING = 0.02, 0.005  # [1] share of rows that are lost, and that lack a number
+GAP_EVERY, SHORTEST, LONGEST = 1.7, 0.01, 0.2  # [s] between gaps, and their durations
+JITTER = 2e-4  # [s] standard deviation of the stamps, at most twice of it
+OBSERVER_GAIN = 50.0  # [1/s]
+SLOPE_ROWS, SLOPE_ORDER = 17, 2  # rows and order of the polynomial whose slope is the velocity
+OBSERVER_SETTLED = 3.0  # [s] after which the observer has settled
+SLOW_SPEED = 0.02  # [rad/s or m/s] over which the sign of dry friction is smoothed
 
 
 class Detection(NamedTuple):
@@ -186,8 +194,6 @@ CHANGES = (
     ("3r", Alteration(BEGIN, "coulomb_friction", 0, 0.3)),
     ("3r", Alteration(BEGIN, "torque_gain", 1, 0.06)),
 )
-
-
 ROBOTS = ("panda", "ur10", "3r")
 CHUNK = 16  # rows
 PART = 120.0  # [s] of one quiet stream
@@ -255,18 +261,8 @@ def main() -> int:
 
 
 def _show(console: Console, detected: list[Detection], still: list[Detection], named: list[Naming]) -> None:
-    columns = (
-        "arm",
-        "still",
-        "detected",
-        "plain observer",
-        "median [ms]",
-        "90 % [ms]",
-        "right link",
-        "false",
-        "of [s]",
-    )
-    table = frame("pushes", columns)
+    names = ("arm", "still", "detected", "plain", "median [ms]", "90 % [ms]", "right link", "false", "of [s]")
+    table = frame("pushes; plain: found by the plain observer", names)
     for one in detected:
         middle, most = np.percentile(one.times, [50, 90]) * 1e3 if one.times else (np.nan, np.nan)
         hit = f"{len(one.times)} of {one.pushes}"
@@ -305,6 +301,75 @@ def _show_real(console: Console, streams: list[Stream], put_on: list[Load]) -> N
         f"{sum(one.later for one in put_on)} contacts later",
         highlight=False,
     )
+
+
+def damaged(columns: dict[str, Array], seed: int) -> dict[str, Array]:
+    """Columns with 2 % of the rows lost, gaps up to 0.2 s (every second one holds the last row), NaN and jitter."""
+    rng, t = np.random.default_rng(seed), columns["t"]
+    keep, from_row = rng.random(len(t)) > LOST, np.arange(len(t))
+    for k, begin in enumerate(np.arange(GAP_EVERY, t[-1], GAP_EVERY)):
+        gap = (t > begin) & (t < begin + rng.uniform(SHORTEST, LONGEST))
+        if k % 2:
+            from_row[gap] = np.flatnonzero(gap)[0]
+        else:
+            keep &= ~gap
+    out = {key: x[from_row][keep].copy() for key, x in columns.items() if key != "t"}
+    names = list(out)
+    for row in np.flatnonzero(rng.random(int(keep.sum())) < MISSING).tolist():
+        out[names[int(rng.integers(len(names)))]][row] = np.nan
+    jitter = np.clip(JITTER * rng.standard_normal(len(t)), -2 * JITTER, 2 * JITTER)
+    return {"t": (t + jitter)[keep], **out}
+
+
+def external_torque(model: Model, t: Array, q: Array, tau: Array) -> Array:
+    """External torque (N, n) [N.m or N] of rows at times t (N,) [s] with positions and torques (N, n).
+
+    The momentum observer as textbooks have it (De Luca, Albu-Schaeffer, Haddadin, Hirzinger, IEEE/RSJ IROS 2006):
+    r = K (momentum - integral of the known torque and r), with friction by the model.
+    """
+    step = float(np.median(np.diff(t)))
+    v = savgol_filter(q, SLOPE_ROWS, SLOPE_ORDER, deriv=1, delta=step, axis=0)
+    bodies = model.bodies()
+    rotors, bodies.armature = bodies.armature.copy(), np.zeros(bodies.nv)
+    data, drive = bodies.createData(), model.robot.drive
+    friction = np.zeros_like(q)
+    for law in model.laws:
+        j, known = law.joints[0], law.parameters
+        if law.effect.name == "viscous_friction":
+            friction[:, j] += known["coefficient"] * v[:, j]
+        elif law.effect.name == "coulomb_friction":
+            friction[:, j] += known["level"] * np.tanh(v[:, j] / SLOW_SPEED)
+        elif law.effect.name == "torque_offset":
+            friction[:, j] += known["offset"]
+    r, total, begun = np.zeros_like(q), np.zeros(q.shape[1]), np.zeros(q.shape[1])
+    for k, (position, rate) in enumerate(zip(configuration(model.robot, q), v @ drive.T, strict=True)):
+        mass = pin.crba(bodies, data, position)
+        mass = np.triu(mass) + np.triu(mass, 1).T + np.diag(rotors)
+        momentum = drive.T @ mass @ rate
+        coriolis = pin.computeCoriolisMatrix(bodies, data, position, rate)
+        known = drive.T @ (coriolis.T @ rate - pin.computeGeneralizedGravity(bodies, data, position))
+        if k == 0:
+            begun = momentum
+        total += step * (tau[k] - friction[k] + known + r[k - 1])
+        r[k] = OBSERVER_GAIN * (momentum - begun - total)
+    return -r
+
+
+def plain_hits(model: Model, pushed: dict[str, Array], calm: dict[str, Array], planned: Sequence[Push]) -> int:
+    """Pushes in which the residual exceeds the largest one of the same stream without pushes.
+
+    These thresholds are the lowest ones without a false alarm; no watch can know them in advance.
+    """
+    n = len(model.robot.joints)
+
+    def of(columns: dict[str, Array]) -> Array:
+        q, tau = (np.column_stack([columns[f"{key}_{j + 1}"] for j in range(n)]) for key in ("q", "tau"))
+        return external_torque(model, columns["t"], q, tau)
+
+    late = calm["t"] > OBSERVER_SETTLED
+    over = (np.abs(of(pushed)) > np.abs(of(calm)[late]).max(axis=0)).any(axis=1)
+    t = pushed["t"]
+    return sum(bool(over[(t >= one.start) & (t < one.start + one.duration)].any()) for one in planned)
 
 
 if __name__ == "__main__":
