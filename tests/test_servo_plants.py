@@ -14,8 +14,7 @@ from benchmarks.servo.coverage import Case, cases, intervals
 from benchmarks.servo.drive import Truth
 from benchmarks.servo.plant import record
 from benchmarks.servo.robots import Bench, benches, motion
-from benchmarks.servo_faults.faults import FAULTS
-from benchmarks.servo_faults.trial import run_trial, simulation, stated
+from benchmarks.servo_faults.trial import FAULTS, run_trial, simulation, stated
 from signid.servo.plant import grids_of_arrays, roll_out
 
 
