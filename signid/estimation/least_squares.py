@@ -87,7 +87,7 @@ def _joint(sample: RowSample, j: int, seen: Sequence[Indices], value: Array, var
         x,
         sample.torque[here, j] - load,
         sample.slope[here, j],
-        {k: (x / max(float(np.std(x)), 1e-300)).astype(np.float32) for k, x in state.items() if len(x)},
+        {k: ((x - x.mean()) / max(x.std(), 1e-300)).astype(np.float32) for k, x in state.items() if len(x)},
         list(_near_rows(np.asarray(sample.number[here] * sample.period), max(NOISE_TIME, NOISE_ROWS * sample.period))),
         weight,
         turn,

@@ -165,16 +165,10 @@ def _unexplained(
                 share = float(after[k] / max(before[k], 1e-12))
                 variable = depends_on(loop, residual, k)
                 place = worst_region(loop, residual, k, variable)
-                yield ServoUnexplained(data.joints[j], variable, share, float(after[k]), *place, _tried(one, k))
-
-
-def _tried(one: GroupSearch, joint: int) -> dict[str, float]:
-    """Laws that were fitted at a joint of the group and not added, with the share that they explain [1]."""
-    best: dict[str, float] = {}
-    for effect, j, part in one.tried:
-        if j == joint:
-            best[effect] = max(best.get(effect, 0.0), part)
-    return dict(sorted(best.items(), key=lambda item: -item[1]))
+                parts = sorted((part, effect) for effect, tried, part in one.tried if tried == k)
+                best = {effect: max(part, 0.0) for part, effect in parts}  # the largest of each comes last
+                best = dict(sorted(best.items(), key=lambda item: -item[1]))
+                yield ServoUnexplained(data.joints[j], variable, share, float(after[k]), *place, best)
 
 
 def _flags(findings: Sequence[ServoFinding]) -> Iterator[str]:

@@ -166,7 +166,7 @@ class Coordinates:
         low, high = np.array([(slot.low, slot.high) for slot in self.slots]).reshape(-1, 2).T
         drives = self.at(values).servos
         for k, slot in enumerate(self.slots):
-            if slot.number == "armature" and slot.bounds is None and slot.joint >= 0:
+            if slot.number == "armature" and slot.bounds is None:
                 high[k] = min(high[k], np.log(drives[slot.joint].kp * LONGEST_PERIOD**2 + slot.soft))
         return low, high
 

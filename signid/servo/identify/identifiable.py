@@ -407,7 +407,11 @@ def _scale_known(facts: JointFacts) -> bool:
 def _scale_sentence(ratios: Mapping[str, ServoNumber], facts: JointFacts) -> str:
     if _scale_known(facts):
         return ""
-    sizes = [f"{name} {words}" for name in ("damping/kp", WAVE) if name in ratios and (words := _size(ratios[name]))]
+    sizes = list[str]()
+    for name in (name for name in ("damping/kp", WAVE) if name in ratios):
+        x = ratios[name]
+        words = (("", x.value), ("at most ", x.below), ("at least ", x.above))
+        sizes += [f"{name} {side}{decimals(size)} {x.unit}" for side, size in words if size is not None][:1]
     known = f"{RATIOS_KNOWN}{', '.join(sizes)}" if sizes else ""
     if not facts.scale_known:
         return (
@@ -424,12 +428,6 @@ def _scale_sentence(ratios: Mapping[str, ServoNumber], facts: JointFacts) -> str
         f"{facts.joint}: only {100 * facts.known_load_share:.0f} % of the torque of this joint is known load, so its "
         f"scale is not identifiable; state its kp or add a known payload{known}"
     )
-
-
-def _size(number: ServoNumber) -> str:
-    """Value or bound of a number in words."""
-    sizes = (("", number.value), ("at most ", number.below), ("at least ", number.above))
-    return next((f"{side}{decimals(x)} {number.unit}" for side, x in sizes if x is not None), "")
 
 
 def _remark(name: str, servo: Servo, facts: JointFacts) -> str:

@@ -391,10 +391,8 @@ def search(by: ServoProblem) -> ServoTrial:
 def _fit_starts(by: ServoProblem) -> ServoTrial:
     """Best fit from the drives of regression and from the same with light rotors: a heavy one coasts into a valley."""
     drives, free = by.start.servos, set(by.start.free)
-    light = {
-        j: servo.with_(armature=servo.kp * LIGHT_PERIOD**2) for j, servo in drives.items() if (j, "armature") in free
-    }
-    light = {j: servo for j, servo in light.items() if servo.armature < drives[j].armature}
+    limits = {j: servo.kp * LIGHT_PERIOD**2 for j, servo in drives.items() if (j, "armature") in free}
+    light = {j: drives[j].with_(armature=x) for j, x in limits.items() if x < drives[j].armature}
     starts = (by.start, by.start.changed(light)) if light else (by.start,)
     return min(map(by.fit, starts), key=lambda trial: sum(map(np.log, trial.residual.values())))
 

@@ -142,22 +142,15 @@ def substeps(step: float, servos: Sequence[Servo], inertia: Array, finer: int = 
 
     step: of a row [s]; inertia: (n,) of the robot at the joints [kg.m2 or kg]; finer: their number is a multiple of it.
     """
-    inertias = [max(servo.armature + own, 1e-9) for servo, own in zip(servos, inertia, strict=True)]
-    fastest = max(map(loop_rate, servos, inertias), default=0.0)
+    fastest = 0.0
+    for servo, own in zip(servos, inertia, strict=True):
+        natural = np.sqrt((servo.kp + servo.spring_stiffness) / (whole := max(servo.armature + own, 1e-9)))
+        ratio = max(servo.damping / max(2 * natural * whole, 1e-12), 1.0)  # beyond 1 the slow mode counts
+        fastest = max(fastest, natural * (ratio - np.sqrt(ratio**2 - 1)))
     short = any(servo.backlash_gap > 0 or servo.gear_exponent > 0 for servo in servos)
     longest = min(BACKLASH_STEP, longest) if short else longest
     count = np.clip(np.ceil(step * max(1 / longest, fastest / TURN) - 1e-9), 1, MAX_ROW_SUBSTEPS)
     return finer * int(np.ceil(count / finer))
-
-
-def loop_rate(servo: Servo, inertia: float) -> float:
-    """Rate [rad/s] of a loop that substeps must follow; damping is implicit, so only its slow mode counts.
-
-    inertia: with that of the rotor [kg.m2 or kg].
-    """
-    natural = np.sqrt((servo.kp + servo.spring_stiffness) / inertia)
-    ratio = max(servo.damping / max(2 * natural * inertia, 1e-12), 1.0)
-    return float(natural * (ratio - np.sqrt(ratio**2 - 1)))
 
 
 class Copies(NamedTuple):
