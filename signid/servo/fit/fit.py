@@ -49,7 +49,7 @@ from .normal import (
 )
 
 CENTRAL_GAIN = 0.05  # relative gain of the cost below which differences become central
-WIDENING_GAIN, TOLERANCE = 1e-3, 1e-5  # relative gain of the cost below which differences widen, or the fit ends
+WIDENING_GAIN, TOLERANCE = 1e-3, 2e-4  # relative gain of the cost below which differences widen, or the fit ends
 DIFFERENCE_FACTORS = (1.0, 4.0)  # differences that are tried one after another
 FIRST_DAMPING, MIN_DAMPING, DAMPING_RISE, DAMPING_FALL, DAMPING_TRIALS = 1e-2, 1e-7, 6.0, 0.1, 6  # [1] factors
 SMALLEST_NOISE = 1e-5  # [rad or m]
