@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -79,7 +80,7 @@ class Slot:
         """All joints that have the number."""
         return (self.joint, *self.others)
 
-    @property
+    @cached_property
     def kind(self) -> Kind:
         return KINDS.get(self.number, Kind())
 
@@ -118,11 +119,12 @@ class Coordinates:
 
     def copies(self, values: Array) -> Copies:
         """Drives at C points; values (C, P) [SERVO_UNITS]."""
-        out = copies_of([self.servos] * len(values))
+        first = copies_of([self.servos])
+        numbers, laws = (np.repeat(x, len(values), axis=0) for x in (first.numbers, first.laws))
         for i, slot in enumerate(self.slots):
             if slot.joint >= 0:
-                out.numbers[:, list(slot.joints), LOOP_NUMBERS.index(slot.number)] = values[:, i, None]
-        return out
+                numbers[:, list(slot.joints), LOOP_NUMBERS.index(slot.number)] = values[:, i, None]
+        return first._replace(numbers=numbers, laws=laws)
 
     def at(self, values: Array) -> Coordinates:
         """The same numbers free, about values (P,) [SERVO_UNITS]."""

@@ -113,6 +113,7 @@ def fit_servos(
     coarse: bool = False,
     usual: Mapping[str, float] | None = None,
     assumptions: Assumptions | None = None,
+    courses: Sequence[RobotCourse] = (),
 ) -> ServoFit:
     """Fit the free numbers of drives to the measured positions.
 
@@ -128,6 +129,7 @@ def fit_servos(
         coarse: whether to end where a step gains little, without intervals, in longer substeps.
         usual: kp by joint [N.m/rad or N/m], about which a scale that the data do not set stays.
         assumptions: joints with equal numbers, also of different branches; priors and bounds.
+        courses: along the recorded motions, where they are known.
 
     Raises:
         OptionError: unknown joint or number, or no free number.
@@ -135,7 +137,7 @@ def fit_servos(
     grids = tuple(grids)
     _check(grids, servos, free)
     robot = bodies_of(model, grids[0].joints)
-    courses = tuple(recorded_course(model, grid) for grid in grids)
+    courses = tuple(courses) or tuple(recorded_course(model, grid) for grid in grids)
     acting = [j for j, joint in enumerate(grids[0].joints) if joint in servos]
     branches, assumed = groups(robot, acting), assumptions or Assumptions()
     rest = branches, coarse, usual or {}, assumed

@@ -22,7 +22,7 @@ from ...typed import typed
 from ...types import Array, Progress, Recording
 from ..fit import ServoFit, fit_servos, start_servos
 from ..given import UNSHARED, Assumptions, given_texts
-from ..plant.course import FIT_SUBSTEP, bodies_of
+from ..plant.course import FIT_SUBSTEP, RobotCourse, bodies_of, course, motion_of
 from ..search.choice import (
     EARLY_NUMBER,
     MAX_RMS_GROWTH,
@@ -308,9 +308,10 @@ def command_timing(problem: ServoProblem, fit: ServoFit) -> dict[str, float]:
             suspects.append(joint)
     if not suspects or not fit.names:
         return longer
-    held = _squares(problem, fit, 1)
+    courses = tuple(course(bodies_of(problem.model, data.joints), motion_of(_refined(x, 1))) for x in data.train)
+    held = _squares(problem, fit, 1, courses)
     for changes, shift in CHANGES_PER_ROW.items():
-        worse = _squares(problem, fit, changes) - held
+        worse = _squares(problem, fit, changes, courses) - held
         for joint in suspects:
             j = data.joints.index(joint)
             growth, base = worse[:, j], float(np.mean(held[:, j]))
@@ -320,7 +321,7 @@ def command_timing(problem: ServoProblem, fit: ServoFit) -> dict[str, float]:
     return longer
 
 
-def _squares(problem: ServoProblem, fit: ServoFit, changes: int) -> Array:
+def _squares(problem: ServoProblem, fit: ServoFit, changes: int, courses: Sequence[RobotCourse]) -> Array:
     """Mean squares (W, n) [rad2 or m2] of windows, fitted with a number of `changes` of the command in each row."""
     grids = problem.searched.train
     late = CHANGES_PER_ROW.get(changes, 0.0) * grids[0].step
@@ -335,6 +336,7 @@ def _squares(problem: ServoProblem, fit: ServoFit, changes: int) -> Array:
         iterations=TIMING_STEPS,
         scales=False,
         coarse=True,
+        courses=courses,
     )
     return new.window_squares
 
@@ -389,12 +391,18 @@ def search(by: ServoProblem) -> ServoTrial:
 
 
 def _fit_starts(by: ServoProblem) -> ServoTrial:
-    """Best fit from the drives of regression and from the same with light rotors: a heavy one coasts into a valley."""
-    drives, free = by.start.servos, set(by.start.free)
-    limits = {j: servo.kp * LIGHT_PERIOD**2 for j, servo in drives.items() if (j, "armature") in free}
-    light = {j: drives[j].with_(armature=x) for j, x in limits.items() if x < drives[j].armature}
-    starts = (by.start, by.start.changed(light)) if light else (by.start,)
-    return min(map(by.fit, starts), key=lambda trial: sum(map(np.log, trial.residual.values())))
+    """Fit from the drives of regression, or, if better, with light rotors where these explain a joint badly.
+
+    From a measured state a heavy rotor coasts along any smooth motion.
+    """
+    base = by.fit(by.start)
+    badly = [j for j, rms in base.residual.items() if rms > LIMIT_ERROR_RATIO * loop_error(by.searched, j)]
+    heavy = by.near(badly).intersection(joint for joint, number in by.start.free if number == "armature")
+    limits = {j: by.start.servos[j].kp * LIGHT_PERIOD**2 for j in heavy}
+    light = {j: by.start.servos[j].with_(armature=x) for j, x in limits.items() if x < by.start.servos[j].armature}
+    if not light:
+        return base
+    return min(base, by.fit(by.start.changed(light)), key=lambda trial: sum(map(np.log, trial.residual.values())))
 
 
 def _like_others(by: ServoProblem, base: ServoTrial) -> ServoTrial:

@@ -99,7 +99,7 @@ def course(robot: Robot, motion: Moved) -> RobotCourse:
     return RobotCourse(motion, torque, by.acceleration, bias, by_q, by_v, wave)
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=24)
 def recorded_course(model: Model, grid: ServoGrid) -> RobotCourse:
     """Course of all joints along the smooth motion of a grid; the last ones are kept."""
     return course(bodies_of(model, grid.joints), motion_of(grid))
