@@ -144,6 +144,28 @@ def columns_along(
     return tuple(index for index, _ in made[0]), tuple(columns)
 
 
+def columns_anew(task: Task, model: Model, table: RowTable, pieces: Sequence[Piece], dry: Array) -> RowTable:
+    """The table with columns along pieces of other bodies and predicted torque; those of neither stay as they are."""
+    absent: Any = None
+    bare = replace(pieces[0].motion[:LAYOUT_SAMPLES], robot=absent, predicted=absent)
+    groups = [group for group in table.groups if group.hypothesis is None or not _can_be_made(group.hypothesis, bare)]
+    place, made = columns_along(task, model, groups, pieces, dry)
+    columns = tuple(x.copy() for x in table.columns)
+    for x, own, at, new in zip(columns, table.place, place, made, strict=True):
+        x[:, np.searchsorted(own, at)] = new
+    out = replace(table, columns=columns)
+    out.priors.update({group: table.priors[group] for group in {*table.groups}.difference(groups) & table.priors.keys()})
+    return out
+
+
+def _can_be_made(hypothesis: Hypothesis, motion: Motion) -> bool:
+    """Whether columns can be made along a motion that lacks robot and predicted torque."""
+    try:
+        return bool(hypothesis.columns(motion))
+    except (AssertionError, AttributeError, TypeError):  # as they need it
+        return False
+
+
 def _thinned(
     model: Model, groups: Sequence[Group], piece: Piece, thin: Decimator, dry: Array
 ) -> list[tuple[Indices, Array]]:
