@@ -139,7 +139,7 @@ def estimate_discrepancy(white: Array, fitted: Array, precision: Array, residual
 def _maximise_variance(gram: Array, right: Array, square: float, rows: int) -> NoiseEstimate:
     """Maximise the marginal likelihood over the noise variance, for coefficients of unit prior.
 
-    An orthogonal Q makes Q' gram Q tridiagonal and all of Q' right zero but its first value: no eigenvectors are needed.
+    An orthogonal Q makes Q' gram Q tridiagonal and all of Q' right zero but its first value: no eigenvectors needed.
     """
     bordered = np.block([[np.zeros((1, 1)), right[None]], [right[:, None], gram]])
     turn, diagonal, beside, reflections, _ = dsytrd(bordered, lower=1, lwork=LAPACK_BLOCK * len(bordered))

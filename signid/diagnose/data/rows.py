@@ -154,7 +154,8 @@ def columns_anew(task: Task, model: Model, table: RowTable, pieces: Sequence[Pie
     for x, own, at, new in zip(columns, table.place, place, made, strict=True):
         x[:, np.searchsorted(own, at)] = new
     out = replace(table, columns=columns)
-    out.priors.update({group: table.priors[group] for group in {*table.groups}.difference(groups) & table.priors.keys()})
+    kept = table.priors.keys() & {*table.groups}.difference(groups)
+    out.priors.update({group: table.priors[group] for group in kept})
     return out
 
 

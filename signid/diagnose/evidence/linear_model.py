@@ -114,7 +114,7 @@ class LinearModel(Frozen):
     def part(self, component: Component, dispersion: Array, prior_scale: float) -> Fitted:
         """Fit of one connected component of m joints; dispersion (m,) [1]."""
         which = columns_of(component.groups)
-        gram = total(self._square(component), dispersion, (len(which),) * 2)
+        gram = np.tensordot(1 / dispersion, self._square(component), axes=1)
         right = (self.data.right[list(component.joints)][:, which] / dispersion[:, None]).sum(0)
         return solve(which, gram, right, self._precision(component.groups, np.diag(gram), prior_scale))
 
@@ -193,11 +193,15 @@ class LinearModel(Frozen):
             left, whole = left + float(np.sum(rest**2)), whole + float(np.sum(x**2))
         return 1 - left / whole if whole > 0 else 0.0
 
-    @cached(32)
-    def _square(self, component: Component) -> Gram:
-        """Products of the fitted columns of a component with each other."""
-        chosen = [self.data.chosen(joint, columns_of(component.groups)) for joint in component.joints]
-        return tuple(Block(here := np.flatnonzero(mask), here, x.T @ x) for mask, x in chosen)
+    @cached(8)
+    def _square(self, component: Component) -> Array:
+        """(m, k, k) products of the fitted columns of a component with each other, joint by joint."""
+        which = columns_of(component.groups)
+        out = np.zeros((len(component.joints), len(which), len(which)))
+        for own, joint in zip(out, component.joints, strict=True):
+            here, x = self.data.chosen(joint, which)
+            own[np.ix_(here, here)] = x.T @ x
+        return out
 
     def _rows(self, component: Component, which: Indices) -> Iterator[tuple[Indices, Array]]:
         """For each joint, its positions (a,) among columns (k,), and their products with all its columns (a, m)."""

@@ -57,8 +57,10 @@ def select(dataset: Dataset, posterior: Posterior, skip: Sequence[str], referenc
     The first round's result is returned, with a flag, if relinearisation diverges or does not converge.
     """
     conditions = _Conditions(skip, reference)
-    first = about, selection = _select(dataset, posterior, conditions)
-    dataset, names = about, set[Key]()
+    motions = tuple(p._replace(motion=replace(p.motion)) for p in dataset.pieces)  # large what these will have cached
+    about, selection = _select(replace(dataset, pieces=motions), posterior, conditions)
+    first = dataset, _ = replace(about, pieces=dataset.pieces), selection
+    names = set[Key]()
     for _ in range(tuned.RELINEARISATION_ROUNDS):
         if time_is_up(LAW_SEARCH):
             return SearchResult(*first)
