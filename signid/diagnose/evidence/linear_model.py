@@ -78,7 +78,7 @@ class LinearModel(Frozen):
             self.data.priors[group] = coefficient_prior(group.claim, mean_products(torque, self.data.scale))
         return {group: self.data.priors[group] for group in claims}
 
-    @cached(64)
+    @cached(32)
     def fit(self, selected: Sequence[Group], dispersion: Array, prior_scale: float) -> Fitted:
         """Fit nuisance parameters, of prior scale k, and selected hypotheses together; dispersion (n,) [1]."""
         components = self.components(selected, prior_scale > 0)
@@ -110,7 +110,7 @@ class LinearModel(Frozen):
         joints_of = {one: tuple(j for j, other in enumerate(label) if other == one) for one in sorted(set(label))}
         return tuple(Component(own, within(refitted, one), within(selected, one)) for one, own in joints_of.items())
 
-    @cached(128)
+    @cached(64)
     def part(self, component: Component, dispersion: Array, prior_scale: float) -> Fitted:
         """Fit of one connected component of m joints; dispersion (m,) [1]."""
         which = columns_of(component.groups)
