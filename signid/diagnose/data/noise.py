@@ -83,12 +83,6 @@ def features(table: RowTable, joint: int) -> Array:
     return np.asarray(beyond / max(float(np.sqrt(np.sum(beyond**2) / len(beyond))), 1e-12))
 
 
-def project(white: Array, size: float) -> Projection:
-    """Whitening against a discrepancy of some size [N.m or N]; white (M, f) [1 / N.m] is Z in units of the noise."""
-    basis, singular, _ = np.linalg.svd(size * white, full_matrices=False)
-    return Projection(basis, 1 - 1 / np.sqrt(1 + singular**2))
-
-
 class NoiseEstimate(NamedTuple):
     """Noise variance and discrepancy of one joint, and the fit under them."""
 
@@ -163,7 +157,7 @@ class Whitening(Frozen):
 
     table: RowTable
     noise: Noise
-    _projections: dict[int, Projection | None] = field(default_factory=dict, init=False)
+    _projections: dict[int, Projection] = field(default_factory=dict, init=False)
 
     def local(self, columns: Mapping[int, Array]) -> dict[int, Array]:
         """Whiten columns (M, k) [torque per coefficient] of each joint against coloured noise alone."""
@@ -191,11 +185,12 @@ class Whitening(Frozen):
         return weights(self.table, self.noise)
 
     def _projection(self, joint: int) -> Projection | None:
-        if joint not in self._projections:
-            size = float(self.noise.discrepancy[joint])
-            white = self.local({joint: features(self.table, joint)})[joint] if size > 0 else None
-            self._projections[joint] = None if white is None else project(white, size)
-        return self._projections[joint]
+        size = float(self.noise.discrepancy[joint])
+        if size > 0 and joint not in self._projections:
+            white = self.local({joint: features(self.table, joint)})[joint]  # Z in units of the noise
+            basis, singular, _ = np.linalg.svd(size * white, full_matrices=False)
+            self._projections[joint] = Projection(basis, 1 - 1 / np.sqrt(1 + singular**2))
+        return self._projections.get(joint)
 
 
 def moving(table: RowTable, order: int) -> Mask:

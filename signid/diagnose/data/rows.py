@@ -6,6 +6,7 @@ Groups of columns are nuisance parameters (X a of the README) and hypotheses (S 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -148,23 +149,18 @@ def columns_anew(task: Task, model: Model, table: RowTable, pieces: Sequence[Pie
     """The table with columns along pieces of other bodies and predicted torque; those of neither stay as they are."""
     absent: Any = None
     bare = replace(pieces[0].motion[:LAYOUT_SAMPLES], robot=absent, predicted=absent)
-    groups = [group for group in table.groups if group.hypothesis is None or not _can_be_made(group.hypothesis, bare)]
+    kept = set[Group]()
+    for group in (group for group in table.groups if group.hypothesis is not None):
+        with suppress(AssertionError, AttributeError, TypeError):  # raised where it needs what is absent
+            kept |= {group} if group.claim.columns(bare) else set()
+    groups = [group for group in table.groups if group not in kept]
     place, made = columns_along(task, model, groups, pieces, dry)
     columns = tuple(x.copy() for x in table.columns)
     for x, own, at, new in zip(columns, table.place, place, made, strict=True):
         x[:, np.searchsorted(own, at)] = new
     out = replace(table, columns=columns)
-    kept = table.priors.keys() & {*table.groups}.difference(groups)
-    out.priors.update({group: table.priors[group] for group in kept})
+    out.priors.update({group: table.priors[group] for group in kept & table.priors.keys()})
     return out
-
-
-def _can_be_made(hypothesis: Hypothesis, motion: Motion) -> bool:
-    """Whether columns can be made along a motion that lacks robot and predicted torque."""
-    try:
-        return bool(hypothesis.columns(motion))
-    except (AssertionError, AttributeError, TypeError):  # as they need it
-        return False
 
 
 def _thinned(
