@@ -80,7 +80,7 @@ def append(dataset: Dataset, data: Whitened, hypothesis: Hypothesis) -> tuple[Wh
     for j, x in columns.items():
         place[j] = np.append(place[j], range(group.start, group.start + size)).astype(np.intp)
         torque[j], made[j] = _beside(torque[j], x), _beside(made[j], white[j])
-    own = {"place": tuple(place), "torque": tuple(torque), "columns": tuple(made)}
+    own: dict[str, Any] = {"place": tuple(place), "torque": tuple(torque), "columns": tuple(made)}
     return replace(data, groups=(*data.groups, group), count=data.count + size, **own), group
 
 
