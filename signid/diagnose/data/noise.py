@@ -88,7 +88,7 @@ class NoiseEstimate(NamedTuple):
 
     size: float  # size s of the discrepancy [N.m or N]
     variance: float  # c, variance of the noise over the presumed one [1]
-    value: Array  # (k + 2 F,) [unit of each coefficient] posterior mean of a, b and w
+    value: Array  # (f,) [unit of each coefficient] posterior mean of a, b and w, f = k + 2 F
     used: float  # effective number of parameters of the fit
     log: float  # log marginal likelihood of the rows, with the prior of s, up to a constant [-]
 

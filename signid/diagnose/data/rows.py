@@ -146,7 +146,10 @@ def columns_along(
 
 
 def columns_anew(task: Task, model: Model, table: RowTable, pieces: Sequence[Piece], dry: Array) -> RowTable:
-    """The table with columns along pieces of other bodies and predicted torque; those of neither stay as they are."""
+    """The table along pieces of other bodies and predicted torque; dry friction `dry` (n,) [N.m or N].
+
+    Columns of laws that need neither stay as they are.
+    """
     absent: Any = None
     bare = replace(pieces[0].motion[:LAYOUT_SAMPLES], robot=absent, predicted=absent)
     kept = set[Group]()
