@@ -23,6 +23,7 @@ from .motions import Piece, row_filter, torque_of
 from .noise import Noise, Whitening, has_full_window, moving
 from .rows import Group, RowTable
 
+SPARE_COLUMNS = 64  # columns that rows have room for when one is appended
 PRECISION_RIDGES = (1e-11, 1e-9, 1e-7, 1e-5)  # [1] added to a unit diagonal: the first that lets the matrix be factored
 
 
@@ -78,26 +79,19 @@ def append(dataset: Dataset, data: Whitened, hypothesis: Hypothesis) -> tuple[Wh
     place, torque, made = list(data.place), list(data.torque), list(data.columns)
     for j, x in columns.items():
         place[j] = np.append(place[j], range(group.start, group.start + size)).astype(np.intp)
-        torque[j], made[j] = np.column_stack([torque[j], x]), np.column_stack([made[j], white[j]])
-    return replace(
-        data,
-        groups=(*data.groups, group),
-        count=data.count + size,
-        place=tuple(place),
-        torque=tuple(torque),
-        columns=tuple(made),
-    ), group
+        torque[j], made[j] = _beside(torque[j], x), _beside(made[j], white[j])
+    own: dict[str, Any] = {"place": tuple(place), "torque": tuple(torque), "columns": tuple(made)}
+    return replace(data, groups=(*data.groups, group), count=data.count + size, **own), group
 
 
-class Block(NamedTuple):
-    """Products of k columns with p columns on one joint, which has only a of the k and b of the p."""
-
-    rows: Indices  # (a,) positions among the k
-    place: Indices  # (b,) positions among the p
-    products: Array  # (a, b) [1 per coefficient, squared]
-
-
-Gram = tuple[Block, ...]  # one block for each joint
+def _beside(columns: Array, more: Array) -> Array:
+    """Columns (M, m) and more (M, d), none of them NaN, in the room behind the columns in memory if that is free."""
+    end, whole = columns.shape[1] + more.shape[1], columns.base
+    if whole is None or whole.ndim < 2 or whole.shape[1] < end or not np.isnan(whole[0, columns.shape[1]]):
+        whole = np.full((len(columns), end + SPARE_COLUMNS), np.nan)
+        whole[:, : columns.shape[1]] = columns
+    whole[:, columns.shape[1] : end] = more
+    return np.asarray(whole[:, :end])
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,13 +141,13 @@ class Whitened(Frozen):
             out[j, self.place[j]] = self.columns[j].T @ self.residual[j]
         return out
 
-    def gram(self, which: Indices) -> Gram:
-        """Products of the columns `which` (k,) [1] with all columns."""
-        own = [self.chosen(j, which) for j in range(self.joints)]
-        return tuple(
-            Block(np.flatnonzero(here), place, x.T @ columns)
-            for (here, x), place, columns in zip(own, self.place, self.columns, strict=True)
-        )
+    def squares(self, joints: Sequence[int], which: Indices) -> Array:
+        """(m, k, k) [1 per coefficient, squared] products of columns `which` (k,) [1] on each of m joints."""
+        out = np.zeros((len(joints), len(which), len(which)))
+        for own, joint in zip(out, joints, strict=True):
+            here, x = self.chosen(joint, which)
+            own[np.ix_(here, here)] = x.T @ x
+        return out
 
     def products(self, which: Indices, dispersion: Array, columns: Mapping[int, Array]) -> tuple[Array, Array, Array]:
         """Products of new columns with each other (d, d), the residual (d,), and columns `which` (k,) [1]: (k, d).
@@ -217,14 +211,6 @@ class Whitened(Frozen):
     def _part(self, columns: Array, joint: int, group: Group) -> Array:
         at = int(self.at[joint, group.start])
         return columns[:, at : at + group.size] if at >= 0 else np.zeros((len(columns), group.size))
-
-
-def total(gram: Gram, dispersion: Array, shape: tuple[int, int]) -> Array:
-    """(k, p) [1 per coefficient, squared] products of columns, summed over joints over dispersion (n,) [1]."""
-    out = np.zeros(shape)
-    for block, variance in zip(gram, dispersion.tolist(), strict=True):
-        out[block.rows[:, None], block.place] += block.products / variance
-    return out
 
 
 def mean_products(columns: Mapping[int, Array], scale: Array) -> Array:

@@ -25,6 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.linalg import block_diag
+from scipy.linalg.lapack import dgtsv, dormqr, dsterf, dsytrd
 
 from ...effects.base import ActuatorLaw
 from ...regression.bandwidth import Band
@@ -40,6 +41,7 @@ FEATURE_SEED = 0  # seed of the random frequencies
 # [1] grid of s, as a share of the joint's rms torque. Heuristic
 DISCREPANCY_GRID = (0.0, 0.001, 0.002, 0.004, 0.008, 0.015, 0.03, 0.06, 0.12, 0.25)
 GRID_STRIDE = 3  # every 3rd size of the grid is evaluated first
+LAPACK_BLOCK = 32  # columns that LAPACK reduces at once
 EM_STEPS = 8  # steps of expectation and maximisation, from a variance of 1. Heuristic
 PRIOR_ROOT_RIDGE = 1e-10  # [1] added to the diagonal of the scaled precision, so that it can be factored
 MIN_PERIOD = 1.0  # [s] shortest period of a motion. Heuristic
@@ -81,18 +83,12 @@ def features(table: RowTable, joint: int) -> Array:
     return np.asarray(beyond / max(float(np.sqrt(np.sum(beyond**2) / len(beyond))), 1e-12))
 
 
-def project(white: Array, size: float) -> Projection:
-    """Whitening against a discrepancy of some size [N.m or N]; white (M, f) [1 / N.m] is Z in units of the noise."""
-    basis, singular, _ = np.linalg.svd(size * white, full_matrices=False)
-    return Projection(basis, 1 - 1 / np.sqrt(1 + singular**2))
-
-
 class NoiseEstimate(NamedTuple):
     """Noise variance and discrepancy of one joint, and the fit under them."""
 
     size: float  # size s of the discrepancy [N.m or N]
     variance: float  # c, variance of the noise over the presumed one [1]
-    value: Array  # (k + 2 F,) or (k,) [unit of each coefficient] posterior mean of a, b and w; without w if s = 0
+    value: Array  # (f,) [unit of each coefficient] posterior mean of a, b and w, f = k + 2 F
     used: float  # effective number of parameters of the fit
     log: float  # log marginal likelihood of the rows, with the prior of s, up to a constant [-]
 
@@ -114,14 +110,15 @@ def estimate_discrepancy(white: Array, fitted: Array, precision: Array, residual
     prior = precision + np.diag(flat)
     size = np.sqrt(np.maximum(np.diag(prior), 1e-300))
     lower = np.linalg.cholesky(prior / size / size[:, None] + PRIOR_ROOT_RIDGE * np.eye(k))
-    prior_root = np.linalg.inv(lower).T / size[:, None]  # R of the coefficients a = R u with u ~ N(0, I)
+    # R of the coefficients R u with u ~ N(0, I), for s = scale
+    root = block_diag(np.linalg.inv(lower).T / size[:, None], scale * np.eye(white.shape[1]))
+    gram, right = root.T @ gram @ root, root.T @ right
 
     def at(share: float) -> NoiseEstimate:
-        used = slice(0, k if share == 0 else len(gram))
-        root = block_diag(prior_root, share * scale * np.eye(len(gram) - k))[used, used]
-        whole = _maximise_variance(root.T @ gram[used, used] @ root, root.T @ right[used], square, rows)
+        weight = np.append(np.ones(k), np.full(white.shape[1], share))
+        whole = _maximise_variance(gram * weight * weight[:, None], right * weight, square, rows)
         log = whole.log - float(np.log1p((share / tuned.DISCREPANCY_SCALE) ** 2))
-        return whole._replace(size=share * scale, value=root @ whole.value, log=log)
+        return whole._replace(size=share * scale, value=root @ (weight * whole.value), log=log)
 
     # a coarse search of the grid, then an ascent over neighbours
     found = {n: at(DISCREPANCY_GRID[n]) for n in range(0, len(DISCREPANCY_GRID), GRID_STRIDE)}
@@ -134,16 +131,24 @@ def estimate_discrepancy(white: Array, fitted: Array, precision: Array, residual
 
 
 def _maximise_variance(gram: Array, right: Array, square: float, rows: int) -> NoiseEstimate:
-    """Maximise the marginal likelihood over the noise variance, for coefficients of unit prior."""
-    eigen, vectors = np.linalg.eigh(gram)
-    eigen, turned, variance = np.maximum(eigen, 0.0), vectors.T @ right, 1.0
+    """Maximise the marginal likelihood over the noise variance, for coefficients of unit prior.
+
+    An orthogonal Q makes Q' gram Q tridiagonal and all of Q' right zero but its first value: no eigenvectors needed.
+    """
+    bordered = np.block([[np.zeros((1, 1)), right[None]], [right[:, None], gram]])
+    turn, diagonal, beside, reflections, _ = dsytrd(bordered, lower=1, lwork=LAPACK_BLOCK * len(bordered))
+    first = np.append(beside[0], np.zeros(len(right) - 1))  # Q' right
+    diagonal, beside, variance = diagonal[1:], beside[1:], 1.0
+    eigen = np.maximum(dsterf(diagonal, beside)[0], 0.0)
     for last in (*[False] * EM_STEPS, True):
-        value, kept = turned / (eigen + variance), eigen / (eigen + variance)
-        rest, used = max(square - float(value @ (2 * turned - eigen * value)), 0.0), float(kept.sum())
+        value = dgtsv(beside, diagonal + variance, beside, first)[3]
+        rest = max(square - float(value @ (first + variance * value)), 0.0)
+        used = float(np.sum(eigen / (eigen + variance)))
         if not last:
             variance = max((rest + variance * used) / rows, 1e-12)
     log = -(rest / variance + float(value @ value) + float(np.sum(np.log1p(eigen / variance)))) / 2
-    return NoiseEstimate(0.0, variance, vectors @ value, used, log - rows / 2 * float(np.log(variance)))
+    value = dormqr("L", "N", turn[1:, :-1], reflections, value[:, None], LAPACK_BLOCK)[0][:, 0]
+    return NoiseEstimate(0.0, variance, value, used, log - rows / 2 * float(np.log(variance)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +157,7 @@ class Whitening(Frozen):
 
     table: RowTable
     noise: Noise
-    _projections: dict[int, Projection | None] = field(default_factory=dict, init=False)
+    _projections: dict[int, Projection] = field(default_factory=dict, init=False)
 
     def local(self, columns: Mapping[int, Array]) -> dict[int, Array]:
         """Whiten columns (M, k) [torque per coefficient] of each joint against coloured noise alone."""
@@ -180,11 +185,12 @@ class Whitening(Frozen):
         return weights(self.table, self.noise)
 
     def _projection(self, joint: int) -> Projection | None:
-        if joint not in self._projections:
-            size = float(self.noise.discrepancy[joint])
-            white = self.local({joint: features(self.table, joint)})[joint] if size > 0 else None
-            self._projections[joint] = None if white is None else project(white, size)
-        return self._projections[joint]
+        size = float(self.noise.discrepancy[joint])
+        if size > 0 and joint not in self._projections:
+            white = self.local({joint: features(self.table, joint)})[joint]  # Z in units of the noise
+            basis, singular, _ = np.linalg.svd(size * white, full_matrices=False)
+            self._projections[joint] = Projection(basis, 1 - 1 / np.sqrt(1 + singular**2))
+        return self._projections.get(joint)
 
 
 def moving(table: RowTable, order: int) -> Mask:

@@ -6,6 +6,7 @@ Groups of columns are nuisance parameters (X a of the README) and hypotheses (S 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -142,6 +143,27 @@ def columns_along(
     made = [_thinned(model, groups, piece, thin, dry) for piece in pieces]
     columns = [np.concatenate([rows[j][1] for rows in made]) for j in range(len(made[0]))]
     return tuple(index for index, _ in made[0]), tuple(columns)
+
+
+def columns_anew(task: Task, model: Model, table: RowTable, pieces: Sequence[Piece], dry: Array) -> RowTable:
+    """The table along pieces of other bodies and predicted torque; dry friction `dry` (n,) [N.m or N].
+
+    Columns of laws that need neither stay as they are.
+    """
+    absent: Any = None
+    bare = replace(pieces[0].motion[:LAYOUT_SAMPLES], robot=absent, predicted=absent)
+    kept = set[Group]()
+    for group in (group for group in table.groups if group.hypothesis is not None):
+        with suppress(AssertionError, AttributeError, TypeError):  # raised where it needs what is absent
+            kept |= {group} if group.claim.columns(bare) else set()
+    groups = [group for group in table.groups if group not in kept]
+    place, made = columns_along(task, model, groups, pieces, dry)
+    columns = tuple(x.copy() for x in table.columns)
+    for x, own, at, new in zip(columns, table.place, place, made, strict=True):
+        x[:, np.searchsorted(own, at)] = new
+    out = replace(table, columns=columns)
+    out.priors.update({group: table.priors[group] for group in kept & table.priors.keys()})
+    return out
 
 
 def _thinned(

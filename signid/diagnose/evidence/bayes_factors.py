@@ -174,11 +174,35 @@ class Evidence(LinearModel):
     @cached_property
     def batches(self) -> list[Batch]:
         """All hypotheses whose columns are not zero, by their number of coefficients."""
-        return batches(self.data, self.coefficient_priors)
+        by_size = dict[int, list[int]]()
+        for k, group in enumerate(self.data.groups):
+            if group.hypothesis is not None and self.coefficient_priors[group] is not None:
+                by_size.setdefault(group.size, []).append(k)
+        return [_batch(self.data, self.coefficient_priors, np.array(x, dtype=np.intp)) for x in by_size.values()]
 
     @cached(np.inf, appendable=False)
     def _view(self, joints: tuple[int, ...]) -> JointView:
-        return joint_view(self.data, self.batches, joints)
+        """Portions of all batches for some joints."""
+        columns, portions, inside = self.data.columns_at(joints)[0], list[Portion](), [np.zeros(0, dtype=np.intp)]
+        for k, batch in enumerate(self.batches):
+            own = batch.there[list(joints)].sum(axis=0)
+            which = np.flatnonzero(own)
+            if not len(which):
+                continue
+            alone = own[which] == batch.there[:, which].sum(axis=0)
+            portions.append(
+                Portion(
+                    batch=k,
+                    columns=np.searchsorted(columns, batch.columns[which]),
+                    blocks=batch.blocks[list(joints)][:, which],
+                    inside=np.flatnonzero(alone),
+                    across=np.flatnonzero(~alone),
+                    beyond=which[~alone],
+                    priors=batch.priors.take(which[alone]),
+                )
+            )
+            inside.append(batch.groups[which[alone]])
+        return JointView(columns, tuple(portions), np.concatenate(inside))
 
 
 class StackedPriors(NamedTuple):
@@ -221,39 +245,6 @@ class JointView(NamedTuple):
     columns: Indices  # (p,) column indices
     portions: tuple[Portion, ...]
     inside: Indices  # (h,) positions in the list of groups of hypotheses inside, portion by portion
-
-
-def batches(data: Whitened, priors: Mapping[Group, CoefficientPrior | None]) -> list[Batch]:
-    """Batches of all hypotheses whose columns are not zero."""
-    by_size = dict[int, list[int]]()
-    for k, group in enumerate(data.groups):
-        if group.hypothesis is not None and priors[group] is not None:
-            by_size.setdefault(group.size, []).append(k)
-    return [_batch(data, priors, np.array(which, dtype=np.intp)) for which in by_size.values()]
-
-
-def joint_view(data: Whitened, whole: Sequence[Batch], joints: Sequence[int]) -> JointView:
-    """Portions of all batches for some joints."""
-    columns, portions, inside = data.columns_at(joints)[0], list[Portion](), [np.zeros(0, dtype=np.intp)]
-    for k, batch in enumerate(whole):
-        own = batch.there[list(joints)].sum(axis=0)
-        which = np.flatnonzero(own)
-        if not len(which):
-            continue
-        alone = own[which] == batch.there[:, which].sum(axis=0)
-        portions.append(
-            Portion(
-                batch=k,
-                columns=np.searchsorted(columns, batch.columns[which]),
-                blocks=batch.blocks[list(joints)][:, which],
-                inside=np.flatnonzero(alone),
-                across=np.flatnonzero(~alone),
-                beyond=which[~alone],
-                priors=batch.priors.take(which[alone]),
-            )
-        )
-        inside.append(batch.groups[which[alone]])
-    return JointView(columns, tuple(portions), np.concatenate(inside))
 
 
 def stack_priors(priors: Sequence[CoefficientPrior]) -> StackedPriors:

@@ -87,7 +87,7 @@ def _of_joint(dataset: Dataset, selection: Selection, whitening: Whitening, join
     k = raw.shape[1]
     precision = evidence.prior_precision(groups, selection.prior_scale)
     here = estimate_discrepancy(white[:, k:-1], white[:, :k], precision, white[:, -1], float(table.scale[joint]))
-    return here, y - np.column_stack([raw, shape])[:, : len(here.value)] @ here.value
+    return here, y - np.column_stack([raw, shape]) @ here.value
 
 
 class _Terms(NamedTuple):
@@ -105,7 +105,6 @@ class Likelihood(Frozen):
 
     dataset: Dataset
     selection: Selection
-    _noise_models: dict[Any, Noise] = field(default_factory=dict, init=False)  # by joint, prior scale, and laws on it
     _cached_terms: dict[Any, _Terms] = field(default_factory=dict, init=False)  # by joint and its noise model
 
     def penalty(self, group: Group) -> float:
@@ -136,13 +135,14 @@ class Likelihood(Frozen):
     def _most_likely(self, selection: Selection, joints: Sequence[int]) -> Noise:
         """Noise model with the most likely variance and discrepancy of some joints."""
         noise, data = self.dataset.noise, self.selection.data
+        known = selection.evidence.cache.setdefault("noise models", {})  # by joint, prior scale, and laws on it
         arrays = {key: getattr(noise, key).copy() for key in ("floor", "innovation", "discrepancy")}
         for j in joints:
             key = j, selection.prior_scale, tuple(g.start for g in selection.selected if j in data.rows(g))
-            if key not in self._noise_models:
-                self._noise_models[key] = update_joints(self.dataset, selection, [j], colour=False)
+            if key not in known:
+                known[key] = update_joints(self.dataset, selection, [j], colour=False)
             for name, array in arrays.items():
-                array[j] = getattr(self._noise_models[key], name)[j]
+                array[j] = getattr(known[key], name)[j]
         return replace(noise, **arrays)
 
     def _log(self, selection: Selection, noise: Noise, joints: Sequence[int]) -> float:

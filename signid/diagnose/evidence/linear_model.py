@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, wraps
 from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar
@@ -11,7 +11,7 @@ import numpy as np
 
 from ...regression.projection import leave
 from ...types import Array, Frozen, Indices
-from ..data.dataset import Block, Fitted, Gram, Whitened, columns_of, join, mean_products, solve, total
+from ..data.dataset import Fitted, Whitened, columns_of, join, mean_products, solve
 from ..data.rows import Group
 from ..thresholds import FLAT_PRECISION, SELECTED_SIZE
 from .prior import CoefficientPrior, StatedPrior, coefficient_prior
@@ -78,7 +78,7 @@ class LinearModel(Frozen):
             self.data.priors[group] = coefficient_prior(group.claim, mean_products(torque, self.data.scale))
         return {group: self.data.priors[group] for group in claims}
 
-    @cached(64)
+    @cached(32)
     def fit(self, selected: Sequence[Group], dispersion: Array, prior_scale: float) -> Fitted:
         """Fit nuisance parameters, of prior scale k, and selected hypotheses together; dispersion (n,) [1]."""
         components = self.components(selected, prior_scale > 0)
@@ -110,11 +110,11 @@ class LinearModel(Frozen):
         joints_of = {one: tuple(j for j, other in enumerate(label) if other == one) for one in sorted(set(label))}
         return tuple(Component(own, within(refitted, one), within(selected, one)) for one, own in joints_of.items())
 
-    @cached(128)
+    @cached(64)
     def part(self, component: Component, dispersion: Array, prior_scale: float) -> Fitted:
         """Fit of one connected component of m joints; dispersion (m,) [1]."""
         which = columns_of(component.groups)
-        gram = total(self._square(component), dispersion, (len(which),) * 2)
+        gram = np.tensordot(1 / dispersion, self._squares(component), axes=1)
         right = (self.data.right[list(component.joints)][:, which] / dispersion[:, None]).sum(0)
         return solve(which, gram, right, self._precision(component.groups, np.diag(gram), prior_scale))
 
@@ -122,9 +122,11 @@ class LinearModel(Frozen):
     def across(self, component: Component, dispersion: Array) -> Array:
         """(k, p) large: products of a component's fitted columns with all its columns; dispersion (m,) [1]."""
         which, (columns, place) = columns_of(component.groups), self.data.columns_at(component.joints)
-        own = zip(self._rows(component, which), place, strict=True)
-        whole = tuple(Block(rows, at, products) for (rows, products), at in own)
-        return total(whole, dispersion, (len(which), len(columns)))
+        out = np.zeros((len(which), len(columns)))
+        for joint, at, variance in zip(component.joints, place, dispersion.tolist(), strict=True):
+            products = [self._products(joint, groups) for groups in (component.refitted, component.selected)]
+            out[np.ix_(self.data.at[joint, which] >= 0, at)] += np.concatenate(products) / variance
+        return out
 
     def columns(self, selected: Sequence[Group], prior_scale: float) -> Indices:
         """(k,) indices of the fitted columns."""
@@ -193,20 +195,11 @@ class LinearModel(Frozen):
             left, whole = left + float(np.sum(rest**2)), whole + float(np.sum(x**2))
         return 1 - left / whole if whole > 0 else 0.0
 
-    @cached(32)
-    def _square(self, component: Component) -> Gram:
-        """Products of the fitted columns of a component with each other."""
-        chosen = [self.data.chosen(joint, columns_of(component.groups)) for joint in component.joints]
-        return tuple(Block(here := np.flatnonzero(mask), here, x.T @ x) for mask, x in chosen)
-
-    def _rows(self, component: Component, which: Indices) -> Iterator[tuple[Indices, Array]]:
-        """For each joint, its positions (a,) among columns (k,), and their products with all its columns (a, m)."""
-        for joint in component.joints:
-            grams = [self._gram_of(group)[joint] for group in component.groups]
-            products = [gram.products for gram in grams if len(gram.rows)]
-            empty = np.zeros((0, len(self.data.place[joint])))
-            yield np.flatnonzero(self.data.at[joint, which] >= 0), np.concatenate([empty, *products])
+    @cached(8)
+    def _squares(self, component: Component) -> Array:
+        return self.data.squares(component.joints, columns_of(component.groups))
 
     @cached(np.inf, appendable=False)
-    def _gram_of(self, group: Group) -> Gram:
-        return self.data.gram(columns_of([group]))
+    def _products(self, joint: int, groups: tuple[Group, ...]) -> Array:
+        """(a, m) products of the columns of groups on a joint, which has a of them, with all its columns."""
+        return self.data.chosen(joint, columns_of(groups))[1].T @ self.data.columns[joint]

@@ -14,7 +14,7 @@ from ...model import Model
 from ...regression.base_parameters import Covariance, base_covariance, build_base
 from ...robot.dynamics import own_body
 from ...types import INERTIAL, Array, Coefficient, Indices, Law
-from ..data.dataset import Dataset, Fitted, columns_of, solve, total
+from ..data.dataset import Dataset, Fitted, columns_of, solve
 from ..data.hypotheses import is_refitted
 from ..data.motions import torque_of
 from ..data.noise import has_full_window
@@ -164,7 +164,7 @@ def _beside(selection: Selection, laws: list[Law], dispersion: Array) -> tuple[F
     evidence, refitted = selection.evidence, selection.evidence.refitted(selection.prior_scale)
     others = [g for g in refitted if g.law is None or (g.law.effect.name, g.law.joints) not in held]
     which, kept = columns_of(others), np.isin(columns_of(refitted), columns_of(others))
-    gram = total(evidence.data.gram(which), dispersion, (len(which), evidence.data.count))[:, which]
+    gram = np.tensordot(1 / dispersion, evidence.data.squares(range(evidence.data.joints), which), axes=1)
     whole = np.zeros(len(kept))
     whole[kept] = np.diag(gram)
     precision = evidence.precision((), whole, selection.prior_scale)[np.ix_(kept, kept)]

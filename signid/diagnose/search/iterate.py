@@ -19,7 +19,7 @@ from ..data.dataset import Dataset, append, whitened
 from ..data.estimated_gains import EstimatedGain
 from ..data.hypotheses import Hypothesis, Key, is_transient
 from ..data.motions import bodies_without_rotors
-from ..data.rows import columns_along, dry_friction
+from ..data.rows import columns_anew, dry_friction
 from ..evidence.bayes_factors import Evidence
 from ..evidence.likelihood import Likelihood, update_noise
 from ..evidence.selection import Posterior, Selection
@@ -57,8 +57,10 @@ def select(dataset: Dataset, posterior: Posterior, skip: Sequence[str], referenc
     The first round's result is returned, with a flag, if relinearisation diverges or does not converge.
     """
     conditions = _Conditions(skip, reference)
-    first = about, selection = _select(dataset, posterior, conditions)
-    dataset, names = about, set[Key]()
+    motions = tuple(p._replace(motion=replace(p.motion)) for p in dataset.pieces)  # large what these will have cached
+    about, selection = _select(replace(dataset, pieces=motions), posterior, conditions)
+    first = dataset, _ = replace(about, pieces=dataset.pieces), selection
+    names = set[Key]()
     for _ in range(tuned.RELINEARISATION_ROUNDS):
         if time_is_up(LAW_SEARCH):
             return SearchResult(*first)
@@ -268,10 +270,9 @@ def relinearise(dataset: Dataset, about: Dataset, selection: Selection) -> Datas
         return None
     dry = dry_friction(dataset.model, dataset.pieces)
     try:
-        place, columns = columns_along(dataset.task, dataset.model, dataset.table.groups, new.pieces, dry)
+        return replace(new, table=columns_anew(dataset.task, dataset.model, dataset.table, new.pieces, dry))
     except OutOfTimeError:
         return None
-    return replace(new, table=replace(dataset.table, place=place, columns=columns))
 
 
 def _about(motion: Motion, robot: Robot, laws: Sequence[Law]) -> Motion:
