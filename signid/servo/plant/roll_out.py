@@ -199,7 +199,7 @@ def move_bodies(tree, motion):  # type: ignore[no-untyped-def]
 
 @LOOP
 def load_joints(tree, loads):  # type: ignore[no-untyped-def]
-    """Torque (n,) of the joints under the forces of `move_bodies`, which become those of all bodies that an axis moves."""
+    """Torque (n,) of the joints under the forces of `move_bodies`, which become those of all bodies beyond an axis."""
     count, n = tree.drive.shape
     for j in range(n):
         loads[j] = 0.0
