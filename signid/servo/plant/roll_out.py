@@ -15,7 +15,18 @@ from ...robot import configuration
 from ...robot.dynamics import effective_inertia
 from ...servos import Servo, ServoGrid
 from ...types import Array, Indices, Robot
-from .course import JoinedGrids, RobotCourse, bodies_of, copies_of, course, motion_of, part, single, substeps
+from .course import (
+    JoinedGrids,
+    RobotCourse,
+    bodies_of,
+    copies_of,
+    course,
+    motion_of,
+    part,
+    recorded_course,
+    single,
+    substeps,
+)
 from .kernel import BEGIN, DEFLECTION, HALF, RELATIVE, SIDE, Starts, advance, advance_links, simulate
 from .torque import ARMATURE, FAST, GAP, LINK_ENCODER, LOOP, ZERO, actuate, new_state
 
@@ -45,7 +56,8 @@ def roll_out(
         for x, first in zip(motion, start, strict=False):
             x[0] = first
     if single(robot):  # its course is exact
-        return roll_out_along(course(robot, motion), servos, grid, horizon)
+        along = recorded_course(model, grid) if start is None else course(robot, motion)
+        return roll_out_along(along, servos, grid, horizon)
     driven = [j for j, joint in enumerate(grid.joints) if joint in servos]
     if not driven:
         return grid.q.copy()
