@@ -18,6 +18,7 @@ from ...types import Array, Mask
 from ..plant.course import smooth
 from ..plant.grid import commands_at
 from ..plant.roll_out import Tree, torques
+from ..plant.torque import FAST
 
 CUTOFF = 10.0  # [Hz] of motion and errors; at 6 Hz, zeros of a simulated SO-101 are biased by up to two std
 EDGE = 0.3  # [s] left out beside ends and switched drives
@@ -136,17 +137,17 @@ class LoopLine(Frozen):
     use: Mask  # (N,) rows
     weight: Array  # (M - 1,) [1] square root of the weights
     error: Array  # (M,) [rad or m] error, without its part in the fixed columns
-    basis: Array  # (M, 5) [1] orthonormal basis of the fixed columns
+    basis: Array  # (5, M) [1] orthonormal basis of the fixed columns
     slide: Array  # (M,) direction of dry friction [1]
 
     def of(self, load: Array) -> Array:
-        """Weighted load of the joint, (M, K) [N.m or N]; load: (N, n, K) [N.m or N] of all joints in K trials."""
+        """Weighted load of the joint, (K, M) [N.m or N]; load: (N, n, K) [N.m or N] of all joints in K trials."""
         own = load[self.use, self.joint] * self.weight[:, None]
-        return np.concatenate([own, np.zeros_like(own[:1])])
+        return np.ascontiguousarray(np.concatenate([own, np.zeros_like(own[:1])]).T)
 
-    def without(self, x: Array) -> Array:
-        """Columns without their part in the fixed columns; x: (M, ...) [any unit]."""
-        return np.asarray(x - self.basis @ (self.basis.T @ x))
+    def responses(self, load: Array) -> tuple[Array, Array]:
+        """As `respond`; load: (K, M) [N.m or N]."""
+        return respond(self.error, self.basis, self.slide, load)  # type: ignore[no-any-return]
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,29 +186,46 @@ class Loads:
         return torques(self.tree, q + zeros, v, a) * signs
 
 
-def responses(line: LoopLine, load: Array) -> tuple[Array, Array]:
-    """Compliance (2, K) [rad/(N.m) or m/N] of load and of friction by load, and the squared errors (K,) that are left.
+@njit(cache=True, error_model="numpy", fastmath=FAST)
+def respond(error, basis, slide, load):  # type: ignore[no-untyped-def]
+    """Compliance (2, K) [rad/(N.m) or m/N] of load and of friction by load, and the errors (K, M) that are left.
 
-    load: (M, K) [N.m or N] in the rows of the line, for K trials.
+    error, basis and slide are those of a `LoopLine`; load: (K, M) [N.m or N] in its rows, for K trials.
     """
-    a, b = line.without(load), line.without(np.abs(load) * line.slide[:, None])
-    y = line.error
-    ay, by, aa, bb, ab = y @ a, y @ b, *(np.einsum("mk,mk->k", p, q) for p, q in ((a, a), (b, b), (a, b)))
-    det = np.maximum(aa * bb - ab**2, 1e-9 * aa * bb + TINY)
-    both = np.array([(bb * ay - ab * by) / det, (aa * by - ab * ay) / det])
-    alone = np.array([ay / np.maximum(aa, TINY), 0 * ay])
-    most = (ay + MAX_MU * by) / np.maximum(aa + 2 * MAX_MU * ab + MAX_MU**2 * bb, TINY)
-    c = np.where(both[1] < 0, alone, np.where(both[1] > MAX_MU * both[0], np.array([most, MAX_MU * most]), both))
-    c = np.where(c[0] > 0, c, 0.0)  # a drive does not push along its load
-    left = y @ y - 2 * (c[0] * ay + c[1] * by) + c[0] ** 2 * aa + 2 * c[0] * c[1] * ab + c[1] ** 2 * bb
-    return c, np.maximum(left, 0.0)
+    (trials, rows), count = load.shape, len(basis)
+    c, left, pull, drag = np.zeros((2, trials)), np.empty(load.shape), np.empty(rows), np.empty(rows)
+    for k in range(trials):
+        for m in range(rows):
+            pull[m], drag[m] = load[k, m], abs(load[k, m]) * slide[m]
+        for i in range(count):  # without what needs no load
+            p, d = 0.0, 0.0
+            for m in range(rows):
+                p += basis[i, m] * pull[m]
+                d += basis[i, m] * drag[m]
+            for m in range(rows):
+                pull[m] -= basis[i, m] * p
+                drag[m] -= basis[i, m] * d
+        ay, by, aa, bb, ab = 0.0, 0.0, 0.0, 0.0, 0.0
+        for m in range(rows):
+            ay, by = ay + error[m] * pull[m], by + error[m] * drag[m]
+            aa, bb, ab = aa + pull[m] ** 2, bb + drag[m] ** 2, ab + pull[m] * drag[m]
+        det = max(aa * bb - ab**2, 1e-9 * aa * bb + TINY)
+        a, b = (bb * ay - ab * by) / det, (aa * by - ab * ay) / det
+        if b < 0.0:
+            a, b = ay / max(aa, TINY), 0.0
+        elif b > MAX_MU * a:
+            a = (ay + MAX_MU * by) / max(aa + 2 * MAX_MU * ab + MAX_MU**2 * bb, TINY)
+            b = MAX_MU * a
+        if a > 0.0:  # a drive does not push along its load
+            c[0, k], c[1, k] = a, b
+        for m in range(rows):
+            left[k, m] = error[m] - c[0, k] * pull[m] - c[1, k] * drag[m]
+    return c, left
 
 
 def unexplained(line: LoopLine, load: Array) -> Array:
     """Weighted error (M - 1,) [rad or m] of a line without its response to the load (N, n) [N.m or N]."""
-    own = line.of(load[..., None])
-    (a, b), _ = responses(line, own)
-    return np.asarray(line.error - line.without(a * own[:, 0] + b * line.slide * np.abs(own[:, 0])))[:-1]
+    return line.responses(line.of(load[..., None]))[1][0, :-1]
 
 
 def foreseen(here: Loads, line: LoopLine, load: Array, there: Loads, other: Array) -> tuple[Array, Mask]:
@@ -216,7 +234,7 @@ def foreseen(here: Loads, line: LoopLine, load: Array, there: Loads, other: Arra
     load: (N, n) [N.m or N] in the rows of `here`; other: (N, n) [N.m or N] in those of `there`.
     """
     j, use = line.joint, np.isfinite(there.rows.error[:, line.joint])
-    (a, b), _ = responses(line, line.of(load[..., None]))
+    (a, b), _ = line.responses(line.of(load[..., None]))
     pull = a[0] * load + b[0] * here.rows.slide * np.abs(load)
     x, y, _ = _stacked(here.rows, j, line.use, line.weight)
     y[:-1] -= line.weight * pull[line.use, j]
@@ -244,8 +262,8 @@ def _line(rows: ZeroRows, j: int, weight: Array) -> LoopLine | None:
     if use.sum() < MIN_USABLE_ROWS:
         return None
     columns, error, slide = _stacked(rows, j, use, weight[use])
-    basis = np.linalg.qr(columns / (np.linalg.norm(columns, axis=0) + 1e-12))[0]
-    error = error - basis @ (basis.T @ error)
+    basis = np.ascontiguousarray(np.linalg.qr(columns / (np.linalg.norm(columns, axis=0) + 1e-12))[0].T)
+    error = error - basis.T @ (basis @ error)
     if not np.sqrt(np.mean(error**2)) > FLOOR:
         return None
     return LoopLine(j, use, weight[use], error, basis, slide)
