@@ -18,7 +18,7 @@ from ...servos import PASSIVE_LAWS, SERVO_NUMBERS, SUM_PARTS, Servo, ServoGrid
 from ...types import Array, Robot
 from ..fit import ServoFit, fit_servos, start_limits
 from ..given import UNSHARED
-from ..plant.course import recorded_course
+from ..plant.course import motion_of, recorded_course
 from ..plant.roll_out import roll_out_along
 from ..search.choice import SHORT_WINDOW, Candidate, Estimates, ServoProblem, ServoTrial
 from ..search.data import ServoData, position_noise
@@ -278,10 +278,10 @@ def compared(
 ) -> dict[str, JointFacts]:
     """Facts of the joints with what held-out rows say of limits that the data of the fit do not reach."""
     data, beyond = problem.data, dict[str, float]()
+    speeds = [motion_of(grid).v for grid in data.held_out]
     for joint, fact in facts.items():
         j, damping = data.joints.index(joint), fact.drive_damping
-        speeds = [recorded_course(problem.model, grid).motion.v[:, j] for grid in data.held_out]
-        rows = [demand(servos[joint], grid, v, j, damping) for grid, v in zip(data.held_out, speeds, strict=True)]
+        rows = [demand(servos[joint], grid, v[:, j], j, damping) for grid, v in zip(data.held_out, speeds, strict=True)]
         torque = float(np.quantile(np.abs(np.concatenate(rows)), 1 - RARE))
         if not servos[joint].effort_limit < np.inf and torque > fact.largest_torque:
             beyond[joint] = torque

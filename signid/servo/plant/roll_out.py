@@ -189,7 +189,7 @@ def move_bodies(tree, motion):  # type: ignore[no-untyped-def]
         for i in range(6):
             speed, acceleration = rate * screw[i], change * screw[i]
             moved[4, i] = speed
-            for j in range(6):
+            for j in range(i // 3 * 3, 6):  # the angular part does not depend on the linear one
                 one = cosine * tree.action[k, 1, i, j] - sine * tree.action[k, 0, i, j] + (1.0 if i == j else 0.0)
                 speed += one * before[0, j]
                 acceleration += one * before[1, j]
@@ -224,7 +224,7 @@ def load_joints(tree, loads):  # type: ignore[no-untyped-def]
             loads[j] += tree.drive[k, j] * torque
         for i in range(6):
             total = before[i]
-            for j in range(6):
+            for j in range(3 + i // 3 * 3):
                 total += back[j, i] * force[j]
             before[i] = total
 
