@@ -129,7 +129,8 @@ def closed_loops(
         for grid, (whole, short), (other, _) in zip(grids, own, beside, strict=True)
         for each in [(grid.command, grid.q, whole, other, short)]
     )
-    sizes = *errors(own), *errors(beside)
+    (rms, short_rms), (other_rms, other_short_rms) = errors(own), errors(beside)
+    sizes = rms, short_rms, other_rms, other_short_rms
     return ServoRollOut(joints, units, *sizes, name, held_out, errors(ideal)[0]), traces
 
 

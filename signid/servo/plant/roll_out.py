@@ -55,9 +55,9 @@ def roll_out(
     if start is not None:
         for x, first in zip(motion, start, strict=False):
             x[0] = first
-    if single(robot):  # its course is exact
-        along = recorded_course(model, grid) if start is None else course(robot, motion)
-        return roll_out_along(along, servos, grid, horizon)
+    if single(robot):
+        exact = recorded_course(model, grid) if start is None else course(robot, motion)
+        return roll_out_along(exact, servos, grid, horizon)
     driven = [j for j, joint in enumerate(grid.joints) if joint in servos]
     if not driven:
         return grid.q.copy()

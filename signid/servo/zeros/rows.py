@@ -1,7 +1,4 @@
-"""Rows of recordings for signs and zeros: smooth motion, loads, errors of the loops, and what else explains these.
-
-Pinocchio from Python takes two to four times as long as compiled dynamics (3 to 7 joints, 200 rows).
-"""
+"""Rows of recordings for signs and zeros: smooth motion, loads, errors of the loops, and what else explains these."""
 
 from __future__ import annotations
 
@@ -175,7 +172,7 @@ class Loads:
         signs: (n,) [1] 1 or -1; zeros: (n,) [rad or m].
         """
         still = np.zeros_like(self.rows.q)
-        return torques(self.tree, signs * self.rows.q + zeros, still, still) * signs
+        return np.asarray(torques(self.tree, signs * self.rows.q + zeros, still, still) * signs)
 
     def torque(self, signs: Array, zeros: Array) -> Array:
         """Load of the motion (N, n) [N.m or N] with positions sign q + zero.
@@ -183,7 +180,7 @@ class Loads:
         signs: (n,) [1] 1 or -1; zeros: (n,) [rad or m].
         """
         q, v, a = (signs * x for x in (self.rows.q, self.rows.v, self.rows.a))
-        return torques(self.tree, q + zeros, v, a) * signs
+        return np.asarray(torques(self.tree, q + zeros, v, a) * signs)
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST)
