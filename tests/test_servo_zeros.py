@@ -14,8 +14,8 @@ from signid.robot import configuration, load_robot
 from signid.robot.dynamics import rigid_torque
 from signid.servo.plant import grids_of_arrays, roll_out
 from signid.servo.plant.course import bodies_of
+from signid.servo.plant.roll_out import torques, tree_of
 from signid.servo.zeros import JointZero, find_zeros
-from signid.servo.zeros.rows import chain_of
 from signid.servo.zeros.run import log_odds, probability
 from signid.servos import Servo, ServoGrid
 from signid.types import Robot
@@ -110,10 +110,8 @@ def test_drives_that_are_off_and_short_recordings_give_nothing(arm: Robot, grid:
 def test_the_load_is_that_of_pinocchio(arm: Robot) -> None:
     bodies, rng = bodies_of(load_model(arm), arm.joints), np.random.default_rng(0)
     q, v, a = rng.normal(size=(3, 20, len(arm.joints)))
-    chain = chain_of(bodies)
-    assert chain is not None
     wanted = rigid_torque(bodies, configuration(bodies, q), v @ bodies.drive.T, a @ bodies.drive.T)
-    assert chain.torque(q, v, a) == pytest.approx(wanted, abs=1e-12)
+    assert torques(tree_of(bodies), q, v, a) == pytest.approx(wanted, abs=1e-12)
 
 
 def test_few_or_unsteady_blocks_give_little_evidence() -> None:

@@ -18,7 +18,7 @@ from ...servos import PASSIVE_LAWS, SERVO_NUMBERS, SUM_PARTS, Servo, ServoGrid
 from ...types import Array, Robot
 from ..fit import ServoFit, fit_servos, start_limits
 from ..given import UNSHARED
-from ..plant.course import recorded_course
+from ..plant.course import motion_of, recorded_course
 from ..plant.roll_out import roll_out_along
 from ..search.choice import SHORT_WINDOW, Candidate, Estimates, ServoProblem, ServoTrial
 from ..search.data import ServoData, position_noise
@@ -278,10 +278,10 @@ def compared(
 ) -> dict[str, JointFacts]:
     """Facts of the joints with what held-out rows say of limits that the data of the fit do not reach."""
     data, beyond = problem.data, dict[str, float]()
+    speeds = [motion_of(grid).v for grid in data.held_out]
     for joint, fact in facts.items():
         j, damping = data.joints.index(joint), fact.drive_damping
-        speeds = [recorded_course(problem.model, grid).motion.v[:, j] for grid in data.held_out]
-        rows = [demand(servos[joint], grid, v, j, damping) for grid, v in zip(data.held_out, speeds, strict=True)]
+        rows = [demand(servos[joint], grid, v[:, j], j, damping) for grid, v in zip(data.held_out, speeds, strict=True)]
         torque = float(np.quantile(np.abs(np.concatenate(rows)), 1 - RARE))
         if not servos[joint].effort_limit < np.inf and torque > fact.largest_torque:
             beyond[joint] = torque
@@ -298,19 +298,25 @@ def compared(
 
 
 def _limits(problem: ServoProblem, servos: Mapping[str, Servo], joints: Mapping[str, float]) -> dict[str, float]:
-    """Effort limits [N.m or N] with which short windows of held-out rows are predicted notably better than without."""
-    model, data = problem.model, problem.data
-    top = largest_torques(replace(data, train=data.held_out), {joint: servos[joint] for joint in joints})
-    start = limited(Candidate(servos, ()), start_limits(model, data.held_out, servos, top), "effort")
-    rows = model, data.held_out
-    fitted = partial(fit_servos, *rows, window=SHORT_WINDOW, relinearise=False, scales=False, coarse=True)
-    without = fitted(servos, (), iterations=0).residual_rms  # states as measured
-    for steps, ratio in ((FIRST_LIMIT_STEPS, PROMISING), (LIMIT_STEPS, LIMIT_RESIDUAL_RATIO)):
-        drives = fitted(start.servos, [(joint, "effort_limit") for joint in joints], iterations=steps).servos
-        helps = dict(zip(data.joints, fitted(drives, (), iterations=0).residual_rms < ratio * without, strict=True))
-        if not any(helps[joint] for joint in joints):
-            return {}
-    return {joint: drives[joint].effort_limit for joint in joints if helps[joint]}
+    """Effort limits [N.m or N] with which short windows of held-out rows are predicted notably better than without.
+
+    The other joints follow the recorded motion.
+    """
+    model, grids = problem.model, problem.data.held_out
+    top = largest_torques(replace(problem.data, train=grids), {joint: servos[joint] for joint in joints})
+    start = limited(Candidate(servos, ()), start_limits(model, grids, servos, top), "effort").servos
+    fitted = partial(fit_servos, model, grids, window=SHORT_WINDOW, relinearise=False, scales=False, coarse=True)
+    found = {}
+    for joint in joints:
+        j, free = grids[0].joints.index(joint), [(joint, "effort_limit")]
+        without = fitted({joint: servos[joint]}, (), iterations=0).residual_rms[j]  # states as measured
+        for steps, ratio in ((FIRST_LIMIT_STEPS, PROMISING), (LIMIT_STEPS, LIMIT_RESIDUAL_RATIO)):
+            drive = fitted({joint: start[joint]}, free, iterations=steps).servos
+            if not fitted(drive, (), iterations=0).residual_rms[j] < ratio * without:
+                break
+        else:
+            found[joint] = drive[joint].effort_limit
+    return found
 
 
 def _rms(model: Model, servos: Mapping[str, Servo], grids: Sequence[ServoGrid]) -> Array:

@@ -111,24 +111,27 @@ def closed_loops(
     nominal: model and drives of stated numbers, for comparison; q = q_des without, and where their loop diverges, as
         that of a gain that is stated without damping.
     """
-    traces, positions = list[ServoTrace](), list[tuple[Array, ...]]()
-    for grid in grids:
-        whole, short = _both(model, servos, grid)
-        beside = (grid.command, grid.command) if nominal is None else _both(*nominal, grid)
-        t = np.asarray(grid.origin + np.arange(len(grid)) * grid.step, float)
-        traces.append(ServoTrace(grid.path, grid.joints, t, grid.command, grid.q, whole, beside[0], short))
-        positions.append((whole, short, *beside))
     joints, measured = grids[0].joints, np.vstack([grid.q for grid in grids])
     driven = np.array([joint in servos for joint in joints]) & np.any([grid.driven for grid in grids], axis=0)
     units = tuple("m" if model.robot.prismatic[model.robot.index(joint)] else "rad" for joint in joints)
-    errors = [np.vstack(each) - measured for each in zip(*positions, strict=True)]
-    rms, short_rms, nominal_rms, nominal_short_rms = (_rms(error, driven) for error in errors)
-    if nominal is not None and np.isinf(nominal_rms).any():
-        return closed_loops(model, servos, grids, held_out)
-    name = IDEAL if nominal is None else STATED
-    tracking = _rms(np.vstack([grid.command - grid.q for grid in grids]), driven)
-    rolled = ServoRollOut(joints, units, rms, short_rms, nominal_rms, nominal_short_rms, name, held_out, tracking)
-    return rolled, tuple(traces)
+
+    def errors(paths: Sequence[tuple[Array, Array]]) -> list[Array]:
+        return [_rms(np.vstack(each) - measured, driven) for each in zip(*paths, strict=True)]
+
+    own, ideal = [_both(model, servos, grid) for grid in grids], [(grid.command,) * 2 for grid in grids]
+    beside, name = ideal, IDEAL
+    if nominal is not None:
+        stated = [_both(*nominal, grid) for grid in grids]
+        if not np.isinf(errors(stated)[0]).any():
+            beside, name = stated, STATED
+    traces = tuple(
+        ServoTrace(grid.path, joints, np.asarray(grid.origin + np.arange(len(grid)) * grid.step, float), *each)
+        for grid, (whole, short), (other, _) in zip(grids, own, beside, strict=True)
+        for each in [(grid.command, grid.q, whole, other, short)]
+    )
+    (rms, short_rms), (other_rms, other_short_rms) = errors(own), errors(beside)
+    sizes = rms, short_rms, other_rms, other_short_rms
+    return ServoRollOut(joints, units, *sizes, name, held_out, errors(ideal)[0]), traces
 
 
 def _both(model: Model, servos: Mapping[str, Servo], grid: ServoGrid) -> tuple[Array, Array]:

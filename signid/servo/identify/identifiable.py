@@ -9,13 +9,15 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import decimals, shorten
+from ...robot import configuration
+from ...robot.dynamics import rigid_torque
 from ...robot.joints import similar_joints
 from ...servos import LOOP_UNITS, SERVO_UNITS, SUM_PARTS, Servo, ServoGrid
 from ...types import Array, Recording, Robot
 from ..fit import ServoFit
 from ..given import Bounds, Prior
 from ..plant import servo_grids
-from ..plant.course import bodies_of, recorded_course
+from ..plant.course import bodies_of, motion_of
 from ..search.choice import ServoProblem
 from ..search.data import ServoData, loop_error
 from .result import ServoNumber
@@ -55,16 +57,13 @@ Name = tuple[str, str]  # joint, number
 def facts_of(problem: ServoProblem, fit: ServoFit) -> dict[str, JointFacts]:
     """Facts of each servo joint in the rows of a fit."""
     data, assumed, fixed = problem.data, problem.assumptions, problem.assumptions.fixed
-    robot, courses = (
-        bodies_of(problem.model, data.joints),
-        [recorded_course(problem.model, grid) for grid in data.train],
-    )
-    loads = np.vstack([along.torque for along in courses])
-    v, a = (np.vstack([getattr(along.motion, key) for along in courses]) for key in "va")
+    robot, motions = bodies_of(problem.model, data.joints), [motion_of(grid) for grid in data.train]
+    q, v, a = (np.vstack([getattr(motion, key) for motion in motions]) for key in "qva")
+    loads = rigid_torque(robot, configuration(robot, q), v @ robot.drive.T, a @ robot.drive.T)
     bounds_of_fit, facts = list(zip(fit.names, fit.owners, fit.at_bound, strict=True)), dict[str, JointFacts]()
     for joint, servo in fit.servos.items():
         j = data.joints.index(joint)
-        reached, damping = reached_torque(servo, data.train, [along.motion.v[:, j] for along in courses], j)
+        reached, damping = reached_torque(servo, data.train, [motion.v[:, j] for motion in motions], j)
         share, unique = known_load_share(loads[:, j], v[:, j], a[:, j], servo)
         by_masses = "kp" not in fixed.get(joint, {}) and (joint, "kp") not in assumed.priors
         facts[joint] = JointFacts(

@@ -15,7 +15,18 @@ from ...robot import configuration
 from ...robot.dynamics import effective_inertia
 from ...servos import Servo, ServoGrid
 from ...types import Array, Indices, Robot
-from .course import JoinedGrids, RobotCourse, bodies_of, copies_of, course, motion_of, part, single, substeps
+from .course import (
+    JoinedGrids,
+    RobotCourse,
+    bodies_of,
+    copies_of,
+    course,
+    motion_of,
+    part,
+    recorded_course,
+    single,
+    substeps,
+)
 from .kernel import BEGIN, DEFLECTION, HALF, RELATIVE, SIDE, Starts, advance, advance_links, simulate
 from .torque import ARMATURE, FAST, GAP, LINK_ENCODER, LOOP, ZERO, actuate, new_state
 
@@ -44,8 +55,9 @@ def roll_out(
     if start is not None:
         for x, first in zip(motion, start, strict=False):
             x[0] = first
-    if single(robot):  # its course is exact
-        return roll_out_along(course(robot, motion), servos, grid, horizon)
+    if single(robot):
+        exact = recorded_course(model, grid) if start is None else course(robot, motion)
+        return roll_out_along(exact, servos, grid, horizon)
     driven = [j for j, joint in enumerate(grid.joints) if joint in servos]
     if not driven:
         return grid.q.copy()
@@ -175,43 +187,79 @@ def move_bodies(tree, motion):  # type: ignore[no-untyped-def]
         turns = screw[3] != 0.0 or screw[4] != 0.0 or screw[5] != 0.0
         sine, cosine = np.sin(angle) if turns else angle, 1.0 - np.cos(angle)
         for i in range(6):
-            moved[0, i], moved[1, i], moved[4, i] = rate * screw[i], change * screw[i], rate * screw[i]
-            for j in range(6):
-                back[i, j] = (
-                    cosine * tree.action[k, 1, i, j] - sine * tree.action[k, 0, i, j] + (1.0 if i == j else 0.0)
-                )
-                moved[0, i] += back[i, j] * before[0, j]
-                moved[1, i] += back[i, j] * before[1, j]
-                tree.inertia[k, i, j] = tree.body[k, i, j]
+            speed, acceleration = rate * screw[i], change * screw[i]
+            moved[4, i] = speed
+            for j in range(i // 3 * 3, 6):  # the angular part does not depend on the linear one
+                one = cosine * tree.action[k, 1, i, j] - sine * tree.action[k, 0, i, j] + (1.0 if i == j else 0.0)
+                speed += one * before[0, j]
+                acceleration += one * before[1, j]
+                back[i, j] = one
+            moved[0, i], moved[1, i] = speed, acceleration
         act(moved[0], moved[4], moved[1])
         for i in range(6):
-            moved[2, i], moved[3, i] = 0.0, 0.0
+            momentum = 0.0
             for j in range(6):
-                moved[3, i] += tree.body[k, (i + 3) % 6, j] * moved[0, j]
+                momentum += tree.body[k, (i + 3) % 6, j] * moved[0, j]
+            moved[2, i], moved[3, i] = 0.0, momentum
         act(moved[0], moved[3], moved[2])
         for i in range(6):
-            moved[4, i] = moved[2, (i + 3) % 6]
+            force = moved[2, (i + 3) % 6]
             for j in range(6):
-                moved[4, i] += tree.body[k, i, j] * moved[1, j]
+                force += tree.body[k, i, j] * moved[1, j]
+            moved[4, i] = force
+
+
+@LOOP
+def load_joints(tree, loads):  # type: ignore[no-untyped-def]
+    """Torque (n,) of the joints under the forces of `move_bodies`, which become those of all bodies beyond an axis."""
+    count, n = tree.drive.shape
+    for j in range(n):
+        loads[j] = 0.0
+    for k in range(count - 1, 0, -1):
+        force, before, back = tree.moved[k, 4], tree.moved[tree.parent[k], 4], tree.back[k]
+        torque = 0.0
+        for i in range(6):
+            torque += tree.screw[k, i] * force[i]
+        for j in range(n):
+            loads[j] += tree.drive[k, j] * torque
+        for i in range(6):
+            total = before[i]
+            for j in range(3 + i // 3 * 3):
+                total += back[j, i] * force[j]
+            before[i] = total
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
+def torques(tree, q, v, a):  # type: ignore[no-untyped-def]
+    """Torque (N, n) [N.m or N] of the bodies along N rows of positions, speeds and accelerations, (N, n) each."""
+    out, motion = np.empty(q.shape), np.empty((3, q.shape[1]))
+    for t in range(len(q)):
+        for j in range(q.shape[1]):
+            motion[0, j], motion[1, j], motion[2, j] = q[t, j], v[t, j], a[t, j]
+        move_bodies(tree, motion)
+        load_joints(tree, out[t])
+    return out
 
 
 @LOOP
 def rigid_bodies(tree, motion, mass, loads):  # type: ignore[no-untyped-def]
     """Mass matrix (n, n) and torque (n,) of the joints; motion: (3, n) positions, speeds and accelerations."""
     move_bodies(tree, motion)
+    load_joints(tree, loads)
     count, n = tree.drive.shape
-    mass[:], loads[:] = 0.0, 0.0
-    for k in range(count - 1, 0, -1):
-        other, moved = k, tree.moved[k]
-        force, now, new = moved[4], moved[2], moved[3]
-        torque = 0.0
+    for i in range(n):
+        for j in range(n):
+            mass[i, j] = 0.0
+    for k in range(1, count):
         for i in range(6):
-            torque += tree.screw[k, i] * force[i]
+            for j in range(6):
+                tree.inertia[k, i, j] = tree.body[k, i, j]
+    for k in range(count - 1, 0, -1):
+        other, now, new = k, tree.moved[k, 2], tree.moved[k, 3]
+        for i in range(6):
             now[i] = 0.0
             for j in range(6):
                 now[i] += tree.inertia[k, i, j] * tree.screw[k, j]
-        for j in range(n):
-            loads[j] += tree.drive[k, j] * torque
         while other > 0:
             both, parent, back = 0.0, tree.parent[other], tree.back[other]
             for i in range(6):
@@ -227,7 +275,6 @@ def rigid_bodies(tree, motion, mass, loads):  # type: ignore[no-untyped-def]
         parent, back = tree.parent[k], tree.back[k]
         for i in range(6):
             for j in range(6):
-                tree.moved[parent, 4, i] += back[j, i] * force[j]
                 now[j] = 0.0
                 for m in range(6):
                     now[j] += back[m, i] * tree.inertia[k, m, j]

@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 
 from ...frozen import Frozen
 from ...types import Array
-from .rows import FLOOR, RECORDINGS, Loads, responses, unexplained
+from .rows import FLOOR, RECORDINGS, Loads, unexplained
 
 UNKNOWN_ZERO_STD = 1.8  # [rad] standard deviation of a zero of which nothing is known
 ROBUST = 2.5  # standard deviations from which an error counts less
@@ -130,7 +130,7 @@ def search(loads: Loads, joints: Sequence[int], seed: int) -> list[ZeroTrial]:
     rng, n = np.random.default_rng(seed), len(loads.rows.joints)
     moves, pairs = [(j,) for j in joints], list(combinations(joints, 2))
     load = loads.gravity(np.ones(n), np.zeros(n))[..., None]
-    left = [responses(line, line.of(load))[1][0] / len(line.error) for line in loads.lines]
+    left = [np.mean(line.responses(line.of(load))[1] ** 2) for line in loads.lines]
     described = ZeroTrial(float(np.sum(0.5 * np.log(np.maximum(left, FLOOR**2)))), np.ones(n), np.zeros(n))
     found = [described, _descended(loads, described, moves), turned(loads, described, pairs)]
     if described.score - min(trial.score for trial in found) < MIN_LOG_SAVING:
@@ -183,7 +183,7 @@ def best_zeros(loads: Loads, trial: ZeroTrial, joints: tuple[int, ...], signs: t
         weight = np.einsum("ai,bj->abij", one, one).reshape(count**2, -1)
     score = np.zeros(len(weight))
     for line in loads.lines:
-        left = responses(line, line.of(basis) @ weight.T)[1] / len(line.error)
+        left = np.mean(line.responses(weight @ line.of(basis))[1] ** 2, axis=1)
         score += 0.5 * np.log(np.maximum(left, FLOOR**2))
     k = int(np.argmin(score))
     zeros = trial.zeros.copy()

@@ -1,24 +1,21 @@
-"""Rows of recordings for signs and zeros: smooth motion, loads, errors of the loops, and what else explains these.
-
-Pinocchio from Python takes two to four times as long as the compiled dynamics here (3 to 7 joints, 200 rows).
-"""
+"""Rows of recordings for signs and zeros: smooth motion, loads, errors of the loops, and what else explains these."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 from numba import njit
 from scipy.signal import butter, filtfilt
 
 from ...frozen import Frozen
 from ...servos import Servo, ServoGrid
-from ...types import Array, Mask, Robot
+from ...types import Array, Mask
 from ..plant.course import smooth
 from ..plant.grid import commands_at
+from ..plant.roll_out import Tree, torques
+from ..plant.torque import FAST
 
 CUTOFF = 10.0  # [Hz] of motion and errors; at 6 Hz, zeros of a simulated SO-101 are biased by up to two std
 EDGE = 0.3  # [s] left out beside ends and switched drives
@@ -137,24 +134,24 @@ class LoopLine(Frozen):
     use: Mask  # (N,) rows
     weight: Array  # (M - 1,) [1] square root of the weights
     error: Array  # (M,) [rad or m] error, without its part in the fixed columns
-    basis: Array  # (M, 5) [1] orthonormal basis of the fixed columns
+    basis: Array  # (5, M) [1] orthonormal basis of the fixed columns
     slide: Array  # (M,) direction of dry friction [1]
 
     def of(self, load: Array) -> Array:
-        """Weighted load of the joint, (M, K) [N.m or N]; load: (N, n, K) [N.m or N] of all joints in K trials."""
+        """Weighted load of the joint, (K, M) [N.m or N]; load: (N, n, K) [N.m or N] of all joints in K trials."""
         own = load[self.use, self.joint] * self.weight[:, None]
-        return np.concatenate([own, np.zeros_like(own[:1])])
+        return np.ascontiguousarray(np.concatenate([own, np.zeros_like(own[:1])]).T)
 
-    def without(self, x: Array) -> Array:
-        """Columns without their part in the fixed columns; x: (M, ...) [any unit]."""
-        return np.asarray(x - self.basis @ (self.basis.T @ x))
+    def responses(self, load: Array) -> tuple[Array, Array]:
+        """As `respond`; load: (K, M) [N.m or N]."""
+        return respond(self.error, self.basis, self.slide, load)  # type: ignore[no-any-return]
 
 
 @dataclass(frozen=True, eq=False)
 class Loads:
     """Rows of recordings with the bodies that they move."""
 
-    chain: Chain
+    tree: Tree
     rows: ZeroRows
     weights: Array | None = None  # (N, n) [1]
     lines: tuple[LoopLine, ...] = field(init=False)
@@ -175,7 +172,7 @@ class Loads:
         signs: (n,) [1] 1 or -1; zeros: (n,) [rad or m].
         """
         still = np.zeros_like(self.rows.q)
-        return self.chain.torque(signs * self.rows.q + zeros, still, still) * signs
+        return np.asarray(torques(self.tree, signs * self.rows.q + zeros, still, still) * signs)
 
     def torque(self, signs: Array, zeros: Array) -> Array:
         """Load of the motion (N, n) [N.m or N] with positions sign q + zero.
@@ -183,32 +180,49 @@ class Loads:
         signs: (n,) [1] 1 or -1; zeros: (n,) [rad or m].
         """
         q, v, a = (signs * x for x in (self.rows.q, self.rows.v, self.rows.a))
-        return self.chain.torque(q + zeros, v, a) * signs
+        return np.asarray(torques(self.tree, q + zeros, v, a) * signs)
 
 
-def responses(line: LoopLine, load: Array) -> tuple[Array, Array]:
-    """Compliance (2, K) [rad/(N.m) or m/N] of load and of friction by load, and the squared errors (K,) that are left.
+@njit(cache=True, error_model="numpy", fastmath=FAST)
+def respond(error, basis, slide, load):  # type: ignore[no-untyped-def]
+    """Compliance (2, K) [rad/(N.m) or m/N] of load and of friction by load, and the errors (K, M) that are left.
 
-    load: (M, K) [N.m or N] in the rows of the line, for K trials.
+    error, basis and slide are those of a `LoopLine`; load: (K, M) [N.m or N] in its rows, for K trials.
     """
-    a, b = line.without(load), line.without(np.abs(load) * line.slide[:, None])
-    y = line.error
-    ay, by, aa, bb, ab = y @ a, y @ b, *(np.einsum("mk,mk->k", p, q) for p, q in ((a, a), (b, b), (a, b)))
-    det = np.maximum(aa * bb - ab**2, 1e-9 * aa * bb + TINY)
-    both = np.array([(bb * ay - ab * by) / det, (aa * by - ab * ay) / det])
-    alone = np.array([ay / np.maximum(aa, TINY), 0 * ay])
-    most = (ay + MAX_MU * by) / np.maximum(aa + 2 * MAX_MU * ab + MAX_MU**2 * bb, TINY)
-    c = np.where(both[1] < 0, alone, np.where(both[1] > MAX_MU * both[0], np.array([most, MAX_MU * most]), both))
-    c = np.where(c[0] > 0, c, 0.0)  # a drive does not push along its load
-    left = y @ y - 2 * (c[0] * ay + c[1] * by) + c[0] ** 2 * aa + 2 * c[0] * c[1] * ab + c[1] ** 2 * bb
-    return c, np.maximum(left, 0.0)
+    (trials, rows), count = load.shape, len(basis)
+    c, left, pull, drag = np.zeros((2, trials)), np.empty(load.shape), np.empty(rows), np.empty(rows)
+    for k in range(trials):
+        for m in range(rows):
+            pull[m], drag[m] = load[k, m], abs(load[k, m]) * slide[m]
+        for i in range(count):  # without what needs no load
+            p, d = 0.0, 0.0
+            for m in range(rows):
+                p += basis[i, m] * pull[m]
+                d += basis[i, m] * drag[m]
+            for m in range(rows):
+                pull[m] -= basis[i, m] * p
+                drag[m] -= basis[i, m] * d
+        ay, by, aa, bb, ab = 0.0, 0.0, 0.0, 0.0, 0.0
+        for m in range(rows):
+            ay, by = ay + error[m] * pull[m], by + error[m] * drag[m]
+            aa, bb, ab = aa + pull[m] ** 2, bb + drag[m] ** 2, ab + pull[m] * drag[m]
+        det = max(aa * bb - ab**2, 1e-9 * aa * bb + TINY)
+        a, b = (bb * ay - ab * by) / det, (aa * by - ab * ay) / det
+        if b < 0.0:
+            a, b = ay / max(aa, TINY), 0.0
+        elif b > MAX_MU * a:
+            a = (ay + MAX_MU * by) / max(aa + 2 * MAX_MU * ab + MAX_MU**2 * bb, TINY)
+            b = MAX_MU * a
+        if a > 0.0:  # a drive does not push along its load
+            c[0, k], c[1, k] = a, b
+        for m in range(rows):
+            left[k, m] = error[m] - c[0, k] * pull[m] - c[1, k] * drag[m]
+    return c, left
 
 
 def unexplained(line: LoopLine, load: Array) -> Array:
     """Weighted error (M - 1,) [rad or m] of a line without its response to the load (N, n) [N.m or N]."""
-    own = line.of(load[..., None])
-    (a, b), _ = responses(line, own)
-    return np.asarray(line.error - line.without(a * own[:, 0] + b * line.slide * np.abs(own[:, 0])))[:-1]
+    return line.responses(line.of(load[..., None]))[1][0, :-1]
 
 
 def foreseen(here: Loads, line: LoopLine, load: Array, there: Loads, other: Array) -> tuple[Array, Mask]:
@@ -217,7 +231,7 @@ def foreseen(here: Loads, line: LoopLine, load: Array, there: Loads, other: Arra
     load: (N, n) [N.m or N] in the rows of `here`; other: (N, n) [N.m or N] in those of `there`.
     """
     j, use = line.joint, np.isfinite(there.rows.error[:, line.joint])
-    (a, b), _ = responses(line, line.of(load[..., None]))
+    (a, b), _ = line.responses(line.of(load[..., None]))
     pull = a[0] * load + b[0] * here.rows.slide * np.abs(load)
     x, y, _ = _stacked(here.rows, j, line.use, line.weight)
     y[:-1] -= line.weight * pull[line.use, j]
@@ -245,186 +259,8 @@ def _line(rows: ZeroRows, j: int, weight: Array) -> LoopLine | None:
     if use.sum() < MIN_USABLE_ROWS:
         return None
     columns, error, slide = _stacked(rows, j, use, weight[use])
-    basis = np.linalg.qr(columns / (np.linalg.norm(columns, axis=0) + 1e-12))[0]
-    error = error - basis @ (basis.T @ error)
+    basis = np.ascontiguousarray(np.linalg.qr(columns / (np.linalg.norm(columns, axis=0) + 1e-12))[0].T)
+    error = error - basis.T @ (basis @ error)
     if not np.sqrt(np.mean(error**2)) > FLOOR:
         return None
     return LoopLine(j, use, weight[use], error, basis, slide)
-
-
-class Bodies(NamedTuple):
-    """Joints of a robot in Pinocchio's order, m of them, with the bodies that they carry."""
-
-    parent: Array  # (m,) [1] number of the parent joint, -1 for the base
-    rotation: Array  # (m, 3, 3) [1] from the frame of a joint at zero to its parent's
-    place: Array  # (m, 3) [m] in the frame of the parent
-    axis: Array  # (m, 3) [1] in the frame of the joint
-    slides: Mask  # (m,)
-    mass: Array  # (m,) [kg]
-    centre: Array  # (m, 3) [m]
-    inertia: Array  # (m, 3, 3) [kg.m2] about the centre
-    gravity: Array  # (3,) [m/s2]
-
-
-@dataclass(frozen=True, eq=False)
-class Chain(Frozen):
-    """Bodies moved by n coordinates."""
-
-    bodies: Bodies
-    drive: Array  # (m, n) speed of each joint per coordinate [1]
-    rest: Array  # (m,) [rad or m] position of each joint at coordinates of zero
-
-    def torque(self, q: Array, v: Array, a: Array) -> Array:
-        """Inverse dynamics (N, n) [N.m or N].
-
-        q: (N, n) [rad or m]; v: (N, n) [rad/s or m/s]; a: (N, n) [rad/s2 or m/s2].
-        """
-        turn = self.drive.T
-        x = (np.ascontiguousarray(y) for y in (q @ turn + self.rest, v @ turn, a @ turn))
-        return np.asarray(_torque(*x, self.bodies) @ self.drive)
-
-
-class _Motion(NamedTuple):
-    """Motion of m joints at one instant, in their own frames."""
-
-    turn: Array  # (m, 3, 3) [1] to the frame of the parent
-    at: Array  # (m, 3) [m] in the frame of the parent
-    w: Array  # (m, 3) [rad/s]
-    alpha: Array  # (m, 3) [rad/s2]
-    acc: Array  # (m, 3) [m/s2]
-
-
-def chain_of(robot: Robot) -> Chain | None:
-    """Chain of a robot; None if a joint has several axes."""
-    model = robot.model
-    joints = list(model.joints)[1:]
-    if any(joint.nv != 1 for joint in joints) or [joint.idx_v for joint in joints] != list(range(model.nv)):
-        return None
-    data, at = model.createData(), pin.neutral(model)
-    pin.computeJointJacobians(model, data, at)
-    every = (np.reshape(pin.getJointJacobian(model, data, i + 1, pin.LOCAL), (6, -1)) for i in range(model.nv))
-    own = [jacobian[:, i] for i, jacobian in enumerate(every)]
-    slides = np.array([bool(np.linalg.norm(column[3:]) < 0.5) for column in own])
-    axis = np.array([column[:3] if slide else column[3:] for column, slide in zip(own, slides, strict=True)])
-    places, bodies = list(model.jointPlacements)[1:], list(model.inertias)[1:]
-    carried = Bodies(
-        np.array([parent - 1 for parent in list(model.parents)[1:]]),
-        np.array([place.rotation for place in places]),
-        np.array([place.translation for place in places]),
-        axis,
-        slides,
-        np.array([body.mass for body in bodies]),
-        np.array([body.lever for body in bodies]),
-        np.array([body.inertia for body in bodies]),
-        np.array(model.gravity.linear),
-    )
-    return Chain(carried, np.asarray(robot.drive, float), np.asarray(robot.rest, float) * np.ones(model.nv))
-
-
-def _compiled(function):  # type: ignore[no-untyped-def]
-    return njit(cache=True, error_model="numpy")(function)
-
-
-@_compiled
-def _get(x, i):  # type: ignore[no-untyped-def]
-    return x[i, 0], x[i, 1], x[i, 2]
-
-
-@_compiled
-def _put(x, i, a):  # type: ignore[no-untyped-def]
-    x[i, 0], x[i, 1], x[i, 2] = a
-
-
-@_compiled
-def _cross(a, b):  # type: ignore[no-untyped-def]
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@_compiled
-def _sum(a, b, s):  # type: ignore[no-untyped-def]
-    """Vector a + s b."""
-    return a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]
-
-
-@_compiled
-def _out(m, i, x):  # type: ignore[no-untyped-def]
-    """Matrix i of m, times x."""
-    return (
-        m[i, 0, 0] * x[0] + m[i, 0, 1] * x[1] + m[i, 0, 2] * x[2],
-        m[i, 1, 0] * x[0] + m[i, 1, 1] * x[1] + m[i, 1, 2] * x[2],
-        m[i, 2, 0] * x[0] + m[i, 2, 1] * x[1] + m[i, 2, 2] * x[2],
-    )
-
-
-@_compiled
-def _in(m, i, x):  # type: ignore[no-untyped-def]
-    """Transposed matrix i of m, times x."""
-    return (
-        m[i, 0, 0] * x[0] + m[i, 1, 0] * x[1] + m[i, 2, 0] * x[2],
-        m[i, 0, 1] * x[0] + m[i, 1, 1] * x[1] + m[i, 2, 1] * x[2],
-        m[i, 0, 2] * x[0] + m[i, 1, 2] * x[1] + m[i, 2, 2] * x[2],
-    )
-
-
-@_compiled
-def _about(axis, angle, x):  # type: ignore[no-untyped-def]
-    """Vector x, turned by an angle about an axis."""
-    s, c = np.sin(angle), np.cos(angle)
-    along = (1 - c) * (axis[0] * x[0] + axis[1] * x[1] + axis[2] * x[2])
-    return _sum(_sum((c * x[0], c * x[1], c * x[2]), _cross(axis, x), s), axis, along)
-
-
-@_compiled
-def _move(bodies, i, q, v, a, motion):  # type: ignore[no-untyped-def]
-    """Place and motion of joint i from those of its parent; gravity is an acceleration of the base."""
-    rotation, slides, gravity = bodies.rotation, bodies.slides, bodies.gravity
-    turn, at, w, alpha, acc = motion
-    p, own, here = bodies.parent[i], _get(bodies.axis, i), _get(bodies.place, i)
-    if slides[i]:
-        here = _sum(here, _out(rotation, i, own), q)
-    for k in range(3):  # rows of rotation after the turn: each is turned back
-        x = rotation[i, k, 0], rotation[i, k, 1], rotation[i, k, 2]
-        turn[i, k, 0], turn[i, k, 1], turn[i, k, 2] = x if slides[i] else _about(own, -q, x)
-    _put(at, i, here)
-    spin, rise, fall = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (-gravity[0], -gravity[1], -gravity[2])
-    if p >= 0:
-        spin, rise = _get(w, p), _get(alpha, p)
-        fall = _sum(_sum(_get(acc, p), _cross(rise, here), 1.0), _cross(spin, _cross(spin, here)), 1.0)
-    spin, rise, fall = _in(turn, i, spin), _in(turn, i, rise), _in(turn, i, fall)
-    if slides[i]:
-        fall = _sum(_sum(fall, own, a), _cross(spin, own), 2 * v)
-    else:
-        rise = _sum(_sum(rise, own, a), _cross(spin, own), v)
-        spin = _sum(spin, own, v)
-    _put(w, i, spin)
-    _put(alpha, i, rise)
-    _put(acc, i, fall)
-
-
-@_compiled
-def _torque(q, v, a, bodies):  # type: ignore[no-untyped-def]
-    """Recursive Newton-Euler algorithm (Luh, Walker, Paul 1980), all in the frames of the joints."""
-    rows, m = q.shape
-    out = np.empty((rows, m))
-    turn, at = np.empty((m, 3, 3)), np.empty((m, 3))
-    w, alpha, acc, f, n = np.zeros((5, m, 3))
-    motion = _Motion(turn, at, w, alpha, acc)
-    parent, _, _, axis, slides, mass, centre, inertia, _ = bodies
-    for t in range(rows):
-        for i in range(m):
-            _move(bodies, i, q[t, i], v[t, i], a[t, i], motion)
-            c, spin, rise = _get(centre, i), _get(w, i), _get(alpha, i)
-            push = _sum(_sum(_get(acc, i), _cross(rise, c), 1.0), _cross(spin, _cross(spin, c)), 1.0)
-            push = (mass[i] * push[0], mass[i] * push[1], mass[i] * push[2])
-            twist = _sum(_out(inertia, i, rise), _cross(spin, _out(inertia, i, spin)), 1.0)
-            _put(f, i, push)
-            _put(n, i, _sum(twist, _cross(c, push), 1.0))
-        for i in range(m - 1, -1, -1):
-            own, p = (f if slides[i] else n), parent[i]
-            out[t, i] = axis[i, 0] * own[i, 0] + axis[i, 1] * own[i, 1] + axis[i, 2] * own[i, 2]
-            if p >= 0:
-                push = _out(turn, i, _get(f, i))
-                twist = _sum(_out(turn, i, _get(n, i)), _cross(_get(at, i), push), 1.0)
-                _put(f, p, _sum(_get(f, p), push, 1.0))
-                _put(n, p, _sum(_get(n, p), twist, 1.0))
-    return out

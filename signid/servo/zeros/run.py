@@ -10,6 +10,7 @@ from scipy.stats import t as student
 
 from ...servos import Servo, ServoGrid
 from ...types import Array, Robot
+from ..plant.roll_out import tree_of
 from .fit import (
     POINTS,
     ZeroFit,
@@ -23,7 +24,7 @@ from .fit import (
     turned,
     weighted,
 )
-from .rows import MIN_USABLE_ROWS, Loads, chain_of, foreseen, unexplained, zero_rows
+from .rows import MIN_USABLE_ROWS, Loads, foreseen, unexplained, zero_rows
 
 LAST_FIT_ROWS, FIT_ROWS, SEARCH_ROWS = 1200, 400, 200  # rows of the last fit, of those before, and of the search
 RIVALS = 2  # fits with another sign that are refined
@@ -61,10 +62,10 @@ def find_zeros(
     whole = zero_rows(long, servos, LAST_FIT_ROWS)
     rows = whole.thinned(FIT_ROWS)
     turning = [j for j in range(len(rows.joints)) if rows.joints[j] in servos and turns(robot, j)]
-    chain = chain_of(robot)
-    if chain is None or not turning:
+    if not turning:
         return ()
-    coarse, fine = Loads(chain, rows.thinned(SEARCH_ROWS)), Loads(chain, rows)
+    tree = tree_of(robot)
+    coarse, fine = Loads(tree, rows.thinned(SEARCH_ROWS)), Loads(tree, rows)
     joints = acting(coarse, turning) if len(rows) else []
     if not joints or not coarse.lines or len(np.unique(rows.block)) < LEAST_BLOCKS:
         return ()
@@ -75,7 +76,7 @@ def find_zeros(
     if best.changed:
         fine, noise = _weighed(fine, best)
         best = simplified(fine, noise, fit_zeros(fine, noise, *best.start), joints)
-    return _Judged(_weighed(Loads(chain, whole), best), (fine, noise), coarse, best, joints=joints, trials=trials).all(
+    return _Judged(_weighed(Loads(tree, whole), best), (fine, noise), coarse, best, joints=joints, trials=trials).all(
         turning
     )
 
