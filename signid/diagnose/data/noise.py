@@ -83,6 +83,12 @@ def features(table: RowTable, joint: int) -> Array:
     return np.asarray(beyond / max(float(np.sqrt(np.sum(beyond**2) / len(beyond))), 1e-12))
 
 
+def project(white: Array, size: float) -> Projection:
+    """Whitening against a discrepancy of some size [N.m or N]; white (M, f) [1 / N.m] is Z in units of the noise."""
+    basis, singular, _ = np.linalg.svd(size * white, full_matrices=False)
+    return Projection(basis, 1 - 1 / np.sqrt(1 + singular**2))
+
+
 class NoiseEstimate(NamedTuple):
     """Noise variance and discrepancy of one joint, and the fit under them."""
 
@@ -188,8 +194,7 @@ class Whitening(Frozen):
         size = float(self.noise.discrepancy[joint])
         if size > 0 and joint not in self._projections:
             white = self.local({joint: features(self.table, joint)})[joint]  # Z in units of the noise
-            basis, singular, _ = np.linalg.svd(size * white, full_matrices=False)
-            self._projections[joint] = Projection(basis, 1 - 1 / np.sqrt(1 + singular**2))
+            self._projections[joint] = project(white, size)
         return self._projections.get(joint)
 
 
