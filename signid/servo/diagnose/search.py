@@ -36,6 +36,7 @@ LISTED = [*(law.effect for law in HYPOTHESES), PAYLOAD.effect]
 DAMPINGS = (1e-9, 0.3, 3.0, 30.0)  # [1] of Levenberg and Marquardt, tried together
 DIFFERENCE_FACTOR = 2.0  # differences over those of an identification: the cost is rougher far from the optimum
 PER_WINDOW = 10  # samples of a window that count as independent, at most. Heuristic
+BATCH = 32  # points that are simulated together: more take memory
 ALLOWED_LOG_ODDS = 1.0  # log odds that differences across windows always allow. Heuristic
 
 
@@ -273,7 +274,8 @@ class Setting:
 
     def evaluate(self, points: Sequence[Coordinates]) -> Array:
         """Sums of squares (C, W, n) after the best initial states."""
-        return np.asarray(np.sum(self.remaining(points) ** 2, axis=2))
+        batches = (points[k : k + BATCH] for k in range(0, len(points), BATCH))
+        return np.concatenate([np.sum(self.remaining(batch) ** 2, axis=2) for batch in batches])
 
     def remaining(self, points: Sequence[Coordinates]) -> Array:
         """Residuals (C, W, T, n) after the best initial states."""
@@ -346,14 +348,12 @@ def spread(setting: Setting, trial: Attempt) -> Array:
 
 
 def _normals(setting: Setting, wheres: Sequence[Coordinates]) -> list[Normal]:
-    """Normal equations of several hypotheses, simulated in one batch."""
-    each = [nearby(where, where.values, DIFFERENCE_FACTOR, central=True) for where in wheres]
-    points = [where.at(values) for where, one in zip(wheres, each, strict=True) for values in one.values]
-    left, out, place = setting.loop.residuals(points) / setting.sigma, list[Normal](), 0
-    for where, one in zip(wheres, each, strict=True):
-        block = left[place : place + len(one.values)]
-        place += len(one.values)
-        out.append(reduced(derivatives(block, where, one), block[0], setting.slopes))
+    """Normal equations of several hypotheses."""
+    out = list[Normal]()
+    for where in wheres:
+        near = nearby(where, where.values, DIFFERENCE_FACTOR, central=True)
+        left = setting.loop.residuals([where.at(values) for values in near.values]) / setting.sigma
+        out.append(reduced(derivatives(left, where, near), left[0], setting.slopes))
     return out
 
 

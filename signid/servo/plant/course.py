@@ -24,7 +24,7 @@ CUTOFF = 20.0  # [Hz] of the filter without delay that gives speeds and accelera
 ORDER = 3
 FIT_SUBSTEP, SEARCH_SUBSTEP, MAX_ROW_SUBSTEPS = 0.002, 0.004, 32  # [s] in fits, and searches for laws; of a row
 TURN = 0.35  # [rad] of the fastest oscillation in a substep
-MAX_KEPT_VALUES = 20_000_000  # values of commands that are kept, [160 MB]
+MAX_KEPT_VALUES = 4_000_000  # values of commands that are kept, [32 MB]
 
 
 class Moved(NamedTuple):
