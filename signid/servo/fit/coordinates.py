@@ -120,7 +120,7 @@ class Coordinates:
     def copies(self, values: Array) -> Copies:
         """Drives at C points; values (C, P) [SERVO_UNITS]."""
         first = copies_of([self.servos])
-        numbers, laws = (np.repeat(x, len(values), axis=0) for x in (first.numbers, first.laws))
+        numbers, laws = np.repeat(first.numbers, len(values), axis=0), np.repeat(first.laws, len(values), axis=0)
         for i, slot in enumerate(self.slots):
             if slot.joint >= 0:
                 numbers[:, list(slot.joints), LOOP_NUMBERS.index(slot.number)] = values[:, i, None]
