@@ -215,7 +215,7 @@ def test_a_rotor_too_heavy_for_its_loop_is_fitted_from_a_light_one(
     heavy = replace(problem, start=problem.start.changed({"swing": coasting}))
     assert _fit_starts(heavy).candidate.servos["swing"].armature == pytest.approx(TRUE.armature, rel=0.3)
     where = Coordinates((servo,), (Slot(0, "armature", typical=10 * servo.kp),))
-    largest = float(np.exp(where.room(where.values)[1][0])) - where.slots[0].soft
+    largest = float(np.exp(where.allowed(where.values)[1][0])) - where.slots[0].soft
     assert largest == pytest.approx((0.2**2) * servo.kp), "no step goes beyond what follows the loop"
 
 

@@ -48,7 +48,7 @@ TODAY = {
     "signs": 3053,
     "faults": 3849,
     "servo": 8737,
-    "diagnose": 6654,
+    "diagnose": 6643,
     "payload": 1405,
     "watch": 2100,
     "output": 11761,

@@ -23,7 +23,6 @@ from .motions import Piece, row_filter, torque_of
 from .noise import Noise, Whitening, has_full_window, moving
 from .rows import Group, RowTable
 
-SPARE_COLUMNS = 64  # columns that rows have room for when one is appended
 PRECISION_RIDGES = (1e-11, 1e-9, 1e-7, 1e-5)  # [1] added to a unit diagonal: the first that lets the matrix be factored
 
 
@@ -79,19 +78,9 @@ def append(dataset: Dataset, data: Whitened, hypothesis: Hypothesis) -> tuple[Wh
     place, torque, made = list(data.place), list(data.torque), list(data.columns)
     for j, x in columns.items():
         place[j] = np.append(place[j], range(group.start, group.start + size)).astype(np.intp)
-        torque[j], made[j] = _beside(torque[j], x), _beside(made[j], white[j])
+        torque[j], made[j] = np.column_stack([torque[j], x]), np.column_stack([made[j], white[j]])
     own: dict[str, Any] = {"place": tuple(place), "torque": tuple(torque), "columns": tuple(made)}
     return replace(data, groups=(*data.groups, group), count=data.count + size, **own), group
-
-
-def _beside(columns: Array, more: Array) -> Array:
-    """Columns (M, m) and more (M, d), none of them NaN, in the room behind the columns in memory if that is free."""
-    end, whole = columns.shape[1] + more.shape[1], columns.base
-    if whole is None or whole.ndim < 2 or whole.shape[1] < end or not np.isnan(whole[0, columns.shape[1]]):
-        whole = np.full((len(columns), end + SPARE_COLUMNS), np.nan)
-        whole[:, : columns.shape[1]] = columns
-    whole[:, columns.shape[1] : end] = more
-    return np.asarray(whole[:, :end])
 
 
 @dataclass(frozen=True, eq=False)

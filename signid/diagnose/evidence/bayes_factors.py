@@ -272,11 +272,11 @@ def log_bayes_factor(priors: StackedPriors, own: Array, right: Array) -> Array:
     f2 = np.where(np.any(mean, axis=1, keepdims=True), 1.0, tuned.EFFECT_SIZES)[:, :, None] ** 2  # (g, sizes, 1)
     fw = 1 + f2 * w[:, None, :]  # (g, sizes, d)
     log = np.sum(f2 * z**2 / fw - np.log(fw), axis=-1) / 2
-    one = np.flatnonzero(~np.isnan(priors.positive[:, 0]))  # those with a coefficient that must be positive
-    row = np.einsum("gi,gij->gj", priors.positive[one], vectors[one])[:, None, :]
-    m = np.sum(row * (f2 * z / fw)[..., one, :, :], axis=-1)
-    s = np.sqrt(np.maximum(np.sum(row**2 * (f2 / fw)[one], axis=-1), 1e-300))
-    log[..., one, :] += np.log(2) + log_ndtr(m / s)
+    signed = np.flatnonzero(~np.isnan(priors.positive[:, 0]))  # those with a coefficient that must be positive
+    row = np.einsum("gi,gij->gj", priors.positive[signed], vectors[signed])[:, None, :]
+    m = np.sum(row * (f2 * z / fw)[..., signed, :, :], axis=-1)
+    s = np.sqrt(np.maximum(np.sum(row**2 * (f2 / fw)[signed], axis=-1), 1e-300))
+    log[..., signed, :] += np.log(2) + log_ndtr(m / s)
     return np.asarray(np.logaddexp.reduce(log, axis=-1) - np.sum(mean**2, axis=1) / 2 - np.log(len(tuned.EFFECT_SIZES)))
 
 

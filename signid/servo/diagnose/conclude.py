@@ -165,8 +165,8 @@ def _unexplained(
                 share = float(after[k] / max(before[k], 1e-12))
                 variable = depends_on(loop, residual, k)
                 place = worst_region(loop, residual, k, variable)
-                parts = sorted((part, effect) for effect, tried, part in one.tried if tried == k)
-                best = {effect: max(part, 0.0) for part, effect in parts}  # the largest of each comes last
+                tried = [(effect, part) for effect, joint, part in one.tried if joint == k]
+                best = {law: max(0.0, *(part for effect, part in tried if effect == law)) for law, _ in tried}
                 best = dict(sorted(best.items(), key=lambda item: -item[1]))
                 yield ServoUnexplained(data.joints[j], variable, share, float(after[k]), *place, best)
 

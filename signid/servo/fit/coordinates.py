@@ -163,7 +163,7 @@ class Coordinates:
         each = zip(x, self.slots, strict=True)
         return np.array([max(np.exp(z) - s.soft, 0.0) if s.kind.logarithmic else z for z, s in each])
 
-    def room(self, values: Array) -> tuple[Array, Array]:
+    def allowed(self, values: Array) -> tuple[Array, Array]:
         """Least and largest coordinates (P,) about values (P,) [SERVO_UNITS], by which a rotor follows its loop."""
         low, high = np.array([(slot.low, slot.high) for slot in self.slots]).reshape(-1, 2).T
         drives = self.at(values).servos

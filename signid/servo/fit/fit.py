@@ -381,7 +381,7 @@ def damped(where: Coordinates, here: Normal, values: Array, damping: float) -> A
     ratios = where.ratios(values)
     size = np.diag(ratios.T @ information @ ratios) + 1e-12
     back = np.linalg.inv(ratios)
-    low, high = where.room(values)
+    low, high = where.allowed(values)
     longest = np.array([slot.longest for slot in where.slots])
     room = low - x, np.maximum(high - x, 0.0)
     dx = _bounded(information + damping * back.T @ (size[:, None] * back), gradient, room, longest)
